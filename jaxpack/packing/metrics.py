@@ -1,0 +1,59 @@
+"""How good is a packing? Section II.D of the paper, and what the field adds to it.
+
+Every function takes one instance and its packing and returns a scalar; batch them with vmap.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.packing.problem import Instance, Packing
+
+
+def bins_used(packing: Packing) -> Array:
+    """Number of bins with at least one item: int32."""
+    return (packing.volume > 0).sum(dtype=jnp.int32)
+
+
+def compactness(instance: Instance, packing: Packing) -> Array:
+    """C: volume of the items in a bin / (L * W * the bin's highest point), mean over used bins."""
+    region = instance.bin[0] * instance.bin[1] * packing.top
+    return _mean_ratio(packing, region)
+
+
+def pyramid(packing: Packing) -> Array:
+    """P: volume of the items in a bin / sum of its height map, mean over used bins."""
+    return _mean_ratio(packing, packing.shadow)
+
+
+def utilisation(instance: Instance, packing: Packing) -> Array:
+    """Packed volume / volume of the used bins: float32. Unlike C it sees the space on top."""
+    capacity = bins_used(packing) * instance.bin.prod()
+    return packing.volume.sum() / jnp.maximum(capacity, 1)
+
+
+def lower_bound(instance: Instance) -> Array:
+    """ceil(total volume / bin volume): int32, no packing uses fewer bins."""
+    volume = jnp.where(instance.mask, instance.size.prod(-1), 0).sum()
+    return -(-volume // instance.bin.prod())
+
+
+def paper_cost(
+    instance: Instance, packing: Packing, alpha: float = 0.5, beta: float = 0.5
+) -> Array:
+    """R of Eq. (9), a cost: 5 [alpha (1 - mean C) + beta (1 - mean P)], float32."""
+    loose = alpha * (1 - compactness(instance, packing)) + beta * (1 - pyramid(packing))
+    return 5 * loose
+
+
+def bins_first_cost(instance: Instance, packing: Packing) -> Array:
+    """Bins, then C, then P: bins + 0.5 (1 - mean C) + 0.05 (1 - mean P), float32.
+
+    The weights keep the order strict: C and P together never outweigh one bin.
+    """
+    loose = 0.5 * (1 - compactness(instance, packing)) + 0.05 * (1 - pyramid(packing))
+    return bins_used(packing) + loose
+
+
+def _mean_ratio(packing: Packing, denominator: Array) -> Array:
+    ratio = packing.volume / jnp.maximum(denominator, 1)
+    return ratio.sum() / jnp.maximum(bins_used(packing), 1)

@@ -1,0 +1,144 @@
+"""What is packed, under which rules, and what comes out: the types and the glossary.
+
+Axes, used in every docstring of the package:
+
+| letter  | axis                                                             |
+|---------|------------------------------------------------------------------|
+| B       | batch of instances                                               |
+| S       | samples or seeds                                                 |
+| N       | items of an instance, padding included                           |
+| P       | population of a genetic algorithm                                |
+| L, W, H | cells of the bin along x (length), y (width) and z (height)      |
+| D       | features of a network                                            |
+
+Lengths are whole cells. 2D is 3D with ``W = 1``: an item is ``(l, 1, h)``. A bin slot is one
+of N places for the bins of a packing: N items never need more than N bins.
+"""
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxpack.errors import UserError
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The rules that stay fixed while a program runs: hashable, a static argument of ``jit``.
+
+    Attributes:
+        bin: (L, W, H) in cells, the height map's extent. An instance may use a smaller bin.
+        largest: (length, width) in cells of the largest item; larger items never fit. A tight
+            bound makes placement faster. None: as large as the bin.
+        support: share of an item's footprint that must rest at the item's own height, 0 to 1.
+        inclusive: whether exactly that share is enough ("at least") or not ("more than").
+    """
+
+    bin: tuple[int, int, int]
+    largest: tuple[int, int] | None = None
+    support: float = 0.5
+    inclusive: bool = True
+
+    def __post_init__(self) -> None:
+        if len(self.bin) != 3 or any(int(side) != side or side < 1 for side in self.bin):
+            raise UserError(f"bin {self.bin}: give three whole sides of at least 1 cell")
+        if self.bin[2] >= np.iinfo(np.int16).max or self.bin[0] * self.bin[1] > 1 << 20:
+            raise UserError(f"bin {self.bin}: too many cells for a height map, use a coarser grid")
+        if not 0 <= self.support <= 1:
+            raise UserError(f"support {self.support}: give a share from 0 to 1")
+
+    @property
+    def window(self) -> tuple[int, int]:
+        """(length, width) in cells of the largest footprint that the kernel looks under."""
+        largest = self.largest or self.bin[:2]
+        return min(largest[0], self.bin[0]), min(largest[1], self.bin[1])
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes in which items differ: those along which the bin has more than one cell."""
+        return tuple(axis for axis in range(3) if self.bin[axis] > 1)
+
+    def resized(self, bin: tuple[int, int, int], high: int) -> "Problem":
+        """The same rules for a bin (flat axes stay flat) and items with sides up to `high`."""
+        sides = [side if axis in self.axes else 1 for axis, side in enumerate(bin)]
+        if min(sides[axis] for axis in self.axes) < 2:
+            raise UserError(f"bin {tuple(sides)}: give a side of at least 2 cells")
+        largest = [high if axis in self.axes else 1 for axis in range(2)]
+        return replace(self, bin=(sides[0], sides[1], sides[2]), largest=(largest[0], largest[1]))
+
+    def cells_needed(self, area: Array) -> Array:
+        """Cells that must support a footprint of ``area`` cells, exactly, in integers."""
+        share = Fraction(self.support).limit_denominator(10_000)
+        scaled = area * share.numerator
+        if self.inclusive:
+            return -(-scaled // share.denominator)
+        return scaled // share.denominator + 1
+
+
+class Instance(NamedTuple):
+    """Items to pack and the bin they go into. Leading batch axes are added by ``vmap``."""
+
+    size: Array  # int32[N, 3], cells: (length, width, height) of each item
+    mask: Array  # bool[N], False for padding, which is never placed and never counted
+    bin: Array  # int32[3], cells: the bin, no larger than Problem.bin in any side
+
+
+class Packing(NamedTuple):
+    """Where every item went, and what the metrics need to know of every bin."""
+
+    bin: Array  # int32[N], bin of each item from 0; -1 for padding and for items that fit no bin
+    position: Array  # int32[N, 3], cells: (x, y, z) of the front-bottom-left corner
+    volume: Array  # int32[N], cells: volume of the items in each bin slot, 0 if the slot is empty
+    top: Array  # int32[N], cells: highest point of each bin slot
+    shadow: Array  # int32[N], cells: sum of the height map of each bin slot
+
+
+def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
+    """An instance without padding from a table of sizes, checked.
+
+    Args:
+        problem: the rules; its bin is the instance's bin.
+        sizes: whole numbers [N, 3] (length, width, height), or [N, 2] (length, height) in 2D.
+
+    Raises:
+        UserError: naming the first item (row) that is not whole, not positive or too large.
+    """
+    table = np.asarray(sizes)
+    if table.size == 0:
+        raise UserError("the instance has no items: give at least one")
+    columns = len(problem.axes)
+    if table.ndim != 2 or table.shape[1] not in (3, columns):
+        raise UserError(f"sizes of shape {table.shape}: give one row of {columns} sides per item")
+    if not np.issubdtype(table.dtype, np.number) or np.iscomplexobj(table):
+        raise UserError(f"sizes of type {table.dtype}: give whole numbers")
+    if table.shape[1] == 3:
+        full = table
+    else:
+        full = np.ones((len(table), 3), table.dtype)
+        full[:, list(problem.axes)] = table
+    rules = (
+        (~np.isfinite(full), "is not a number: give whole cells"),
+        (full != np.round(full), "is not whole: round up to the grid's cells"),
+        (full < 1, "is not positive: give at least 1 cell"),
+        (full > np.asarray(problem.bin), f"is larger than the bin {problem.bin}"),
+    )
+    for broken, complaint in rules:
+        if broken.any():
+            item, axis = np.argwhere(broken)[0]
+            side = ("length", "width", "height")[axis]
+            raise UserError(f"item {item}: {side} {full[item, axis]} {complaint}")
+    if (full[:, :2] > problem.window).any():
+        item = int(np.argwhere((full[:, :2] > problem.window).any(1))[0, 0])
+        raise UserError(
+            f"item {item}: its footprint is larger than Problem.largest {problem.largest}; raise it"
+        )
+    return Instance(
+        size=jnp.asarray(full, jnp.int32),
+        mask=jnp.ones(len(full), bool),
+        bin=jnp.asarray(problem.bin, jnp.int32),
+    )
