@@ -1,0 +1,30 @@
+"""Losses as pure functions of one batch of outcomes."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+
+class Losses(NamedTuple):
+    """The two losses of Eq. (10), means over the batch: float32 scalars."""
+
+    actor: Array
+    critic: Array
+
+
+def actor_critic_losses(log_prob: Array, cost: Array, value: Array) -> Losses:
+    """REINFORCE with a critic, Eq. (10) of the paper, for a cost that is to be minimised.
+
+    actor: mean of (R - V) * log P(order), in which R - V is a constant;
+    critic: mean of (R - V)^2, in which R is a constant.
+
+    Args:
+        log_prob: float32 [B], log-probability of each sampled order.
+        cost: float32 [B], R of Eq. (9).
+        value: float32 [B], the critic's V.
+    """
+    cost = jax.lax.stop_gradient(cost)
+    advantage = jax.lax.stop_gradient(cost - value)
+    return Losses(actor=jnp.mean(advantage * log_prob), critic=jnp.mean((cost - value) ** 2))
