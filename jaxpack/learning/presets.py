@@ -16,7 +16,7 @@ PRESETS = {
     "quick-2d": TrainConfig(
         problem=PAPER_2D,
         distribution=Distribution(items=40, low=1, high=5),
-        train_instances=75_000,
+        train_instances=125_000,
         valid_instances=1_000,
         epochs=1,
     ),

@@ -6,6 +6,7 @@ that was packed earlier, and stands over the same cells, reaches higher than whe
 """
 
 from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -23,7 +24,7 @@ def check_packings(
     problem: Problem, instances: Instance, orders: ArrayLike, packings: Packing, label: str = ""
 ) -> None:
     """Raises InvalidPackingError naming the first violations, if there are any."""
-    found = [line for _, line in zip(range(5), violations(problem, instances, orders, packings))]  # noqa: B905
+    found = list(islice(violations(problem, instances, orders, packings), 5))
     if found:
         raise InvalidPackingError(f"{label} packed against the rules: " + "; ".join(found))
 

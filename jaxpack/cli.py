@@ -1,0 +1,80 @@
+"""What the doors share: parsing with one-line errors, exit codes, the compilation cache."""
+
+import contextlib
+import io
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import jax
+import tyro
+
+from jaxpack.errors import UserError
+
+T = TypeVar("T")
+
+
+def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
+    """Options from the command line. Raises UserError where they are off; exits 0 after --help."""
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(printed):
+            return tyro.cli(options, prog=f"python -m jaxpack.{door}", args=list(argv))
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+    # tyro frames its errors and adds advice below a rule: keep the sentence, drop the rest.
+    text = re.sub(r"\x1b\[[0-9;]*m", "", printed.getvalue())
+    lines = [line.strip(" │|╭╮╰╯") for line in text.splitlines()]
+    rule = next((i for i, line in enumerate(lines) if i and line.startswith("─")), len(lines))
+    sentence = " ".join(line for line in lines[1:rule] if line)
+    sentence = sentence.split(" Got errors:")[0].rstrip(".")
+    raise UserError(f"{sentence}; see python -m jaxpack.{door} --help")
+
+
+def run_door(door: Callable[[Sequence[str]], None]) -> None:
+    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
+    try:
+        use_compilation_cache()
+        door(sys.argv[1:])
+    except UserError as error:
+        line = " ".join(str(error).split())
+        print(f"error: {line}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def use_compilation_cache() -> None:
+    """Keeps compiled programs between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache."""
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        jax.config.update("jax_compilation_cache_dir", str(root / "jaxpack"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def parse_whole(option: str, text: str) -> list[int]:
+    """Whole numbers from "20,40,80". Raises UserError naming the option."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise UserError(
+            f"--{option} '{text}': give whole numbers separated by commas, such as 20,40"
+        ) from None
+
+
+def parse_sides(text: str) -> list[tuple[int, int]]:
+    """Side ranges from "1-5,2-5". Raises UserError where they are not whole."""
+    ranges = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(-?\d+)-(-?\d+)\s*", part)
+        if not match:
+            raise UserError(
+                f"--sides '{text}': give whole cells as LOW-HIGH separated by commas, such as 1-5"
+            )
+        ranges.append((int(match[1]), int(match[2])))
+    return ranges

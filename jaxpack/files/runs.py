@@ -1,0 +1,198 @@
+"""Run folders: everything a training run leaves behind, and what it needs to go on.
+
+    RUN/config.json      the recipe, the seed, the preset's name
+    RUN/metrics.jsonl    a line per chunk of updates and per validation
+    RUN/checkpoints/N/   the state after N updates and the best policy so far (orbax)
+    RUN/table.json, table.txt, packing.png   the end of the run
+
+A folder appears with its config in it or not at all; a checkpoint likewise. Killed at any
+moment, a run loses what it did since its last checkpoint and nothing else.
+"""
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import replace_file
+from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.weights import Policy, check_params
+from jaxpack.learning.pointer import Params
+from jaxpack.learning.trainer import TrainConfig, TrainState, init_state
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """What a run folder's config.json holds."""
+
+    preset: str
+    seed: int
+    train: TrainConfig
+    chunk: int = 50  # updates per dispatch and per line of metrics.jsonl, at most
+    checkpoint_every: int = 500  # updates between validations and checkpoints, at least
+
+
+class Best(NamedTuple):
+    """The policy with the lowest cost on the validation set so far: the one a run ends with."""
+
+    params: Params
+    cost: Array  # float32[], mean R of the greedy orders; inf before the first validation
+    update: Array  # int32[], updates it had
+
+
+class Snapshot(NamedTuple):
+    """What a checkpoint holds."""
+
+    state: TrainState
+    best: Best
+
+
+def first_snapshot(config: RunConfig) -> Snapshot:
+    """Where a run begins."""
+    state = jax.jit(init_state, static_argnums=0)(config.train, jax.random.key(config.seed))
+    return Snapshot(state, best_of_state(state, jnp.inf))
+
+
+@jax.jit
+def best_of_state(state: TrainState, cost: ArrayLike) -> Best:
+    """The state's policy as the best one, in memory of its own: the state's is donated."""
+    params = jax.tree.map(jnp.copy, state.params)
+    return Best(params, jnp.float32(cost), jnp.copy(state.update))
+
+
+def create_run(path: Path, config: RunConfig) -> None:
+    """Makes the run folder with its config. Raises UserError where it exists or cannot be made."""
+    if path.exists():
+        raise UserError(f"{path}: exists already; go on with --resume {path} or name another run")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        beside.chmod(0o755)
+        (beside / "config.json").write_text(json.dumps(config_to_dict(config), indent=2) + "\n")
+        os.rename(beside, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be made ({error.strerror}); name another run") from error
+
+
+def read_run(path: Path) -> RunConfig:
+    """The config of a run folder. Raises UserError where it is missing, foreign or damaged."""
+    if not path.is_dir():
+        raise UserError(f"{path}: no such run folder; `python -m jaxpack.train` makes one")
+    file = path / "config.json"
+    if not file.is_file():
+        raise UserError(
+            f"{path}: not a run folder, it has no config.json; name one that train made"
+        )
+    try:
+        data = json.loads(file.read_text())
+    except ValueError as error:
+        raise UserError(f"{file}: damaged, not JSON ({error}); train again") from error
+    return config_from_dict(RunConfig, data, str(file))
+
+
+class Checkpoints:
+    """The checkpoints of a run folder, the newest two, written synchronously by orbax."""
+
+    def __init__(self, run: Path) -> None:
+        # Imported here: it takes a quarter of a second that the first update need not wait for.
+        import orbax.checkpoint as ocp
+
+        self._orbax = ocp
+        self._run = run
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=2, enable_async_checkpointing=False, cleanup_tmp_directories=True
+        )
+        self._manager = ocp.CheckpointManager((run / "checkpoints").resolve(), options=options)
+
+    def save(self, snapshot: Snapshot) -> None:
+        """Writes a snapshot; the folder of a checkpoint appears when it is complete."""
+        self._manager.save(
+            int(snapshot.state.update), args=self._orbax.args.StandardSave(_key_as_data(snapshot))
+        )
+
+    def restore(self, config: RunConfig) -> Snapshot | None:
+        """The newest snapshot, None where there is no checkpoint yet.
+
+        Raises:
+            UserError: where the newest checkpoint cannot be read.
+        """
+        latest = self._manager.latest_step()
+        if latest is None:
+            return None
+        wanted = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
+        where = self._run / "checkpoints" / str(latest)
+        try:
+            plain = self._manager.restore(latest, args=self._orbax.args.StandardRestore(wanted))
+        except Exception as error:  # orbax raises many kinds, none of them its own
+            reason = (
+                str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+            )
+            raise UserError(
+                f"{where}: damaged checkpoint ({reason[:120]}); delete that folder to go back to "
+                "the one before it"
+            ) from error
+        check_params(config.train, plain.best.params, str(where))
+        state = plain.state._replace(key=jax.random.wrap_key_data(plain.state.key))
+        return Snapshot(state, plain.best)
+
+    def close(self) -> None:
+        """Releases what orbax holds."""
+        self._manager.close()
+
+
+def _key_as_data(snapshot: Snapshot) -> Snapshot:
+    """The snapshot with its typed key as plain numbers, which orbax can write."""
+    state = snapshot.state
+    return snapshot._replace(state=state._replace(key=jax.random.key_data(state.key)))
+
+
+def read_policy(run: Path) -> Policy:
+    """The best policy of a run folder so far.
+
+    Raises:
+        UserError: where the folder is missing, foreign, damaged or has no checkpoint yet.
+    """
+    config = read_run(run)
+    if not (run / "checkpoints").is_dir():
+        raise UserError(f"{run}: has no checkpoint yet; go on with --resume {run}")
+    checkpoints = Checkpoints(run)
+    snapshot = checkpoints.restore(config)
+    checkpoints.close()
+    if snapshot is None:
+        raise UserError(f"{run}: has no checkpoint yet; go on with --resume {run}")
+    return Policy(config.train, snapshot.best.params)
+
+
+def append_line(run: Path, record: dict[str, Any]) -> None:
+    """Adds one JSON line to metrics.jsonl."""
+    with open(run / "metrics.jsonl", "a") as file:
+        file.write(json.dumps(record) + "\n")
+
+
+def read_lines(run: Path) -> list[dict[str, Any]]:
+    """The whole lines of metrics.jsonl; a last one that a kill cut short is left out."""
+    file = run / "metrics.jsonl"
+    if not file.exists():
+        return []
+    records = []
+    for line in file.read_text().splitlines():
+        try:
+            records.append(json.loads(line))
+        except ValueError:
+            break
+    return records
+
+
+def rewind_lines(run: Path, update: int) -> None:
+    """Drops the lines of metrics.jsonl after `update`: the resumed run writes them again."""
+    kept = [record for record in read_lines(run) if record["update"] <= update]
+    with replace_file(run / "metrics.jsonl") as file:
+        file.writelines(json.dumps(record) + "\n" for record in kept)

@@ -1,0 +1,94 @@
+"""Trained policies as files: NAME.npz with the weights, NAME.json with where they come from.
+
+Both are plain data. Loading never unpickles: nothing in a file is executed.
+"""
+
+import json
+import zipfile
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import traverse_util
+
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import replace_file
+from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.learning.pointer import Params, init_pointer
+from jaxpack.learning.trainer import TrainConfig
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A trained policy and the recipe that made it."""
+
+    config: TrainConfig
+    params: Params
+
+
+def shipped_policies() -> list[str]:
+    """Names of the policies in the package, for `load_policy`."""
+    folder = resources.files("jaxpack") / "weights"
+    return sorted(
+        item.name[: -len(".npz")] for item in folder.iterdir() if item.name.endswith(".npz")
+    )
+
+
+def load_policy(name: str) -> Policy:
+    """A policy from the package by name, such as "pointer-2d", or from a file NAME.npz.
+
+    Raises:
+        UserError: where there is no such policy, or its files are damaged or foreign.
+    """
+    if name in shipped_policies():
+        path = Path(str(resources.files("jaxpack") / "weights" / f"{name}.npz"))
+    elif name.endswith(".npz") and Path(name).exists():
+        path = Path(name)
+    else:
+        raise UserError(
+            f"no policy '{name}': choose from {', '.join(shipped_policies())} or name an .npz file"
+        )
+    return _read(path)
+
+
+def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
+    """Writes `path` (.npz) and, beside it, the recipe and provenance as .json."""
+    flat = traverse_util.flatten_dict(policy.params, sep="/")
+    arrays = {name: np.asarray(value) for name, value in flat.items()}
+    record = provenance | {"config": config_to_dict(policy.config)}
+    with replace_file(path, "wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
+    with replace_file(path.with_suffix(".json"), "w") as file:
+        file.write(json.dumps(record, indent=2) + "\n")
+
+
+def check_params(config: TrainConfig, params: Params, where: str) -> Params:
+    """`params` if they have the shapes that `config` gives; UserError naming `where` if not."""
+    expected = jax.eval_shape(
+        lambda: init_pointer(config.problem, config.policy, jax.random.key(0))
+    )
+    wanted = {k: v.shape for k, v in traverse_util.flatten_dict(expected, sep="/").items()}
+    found = {k: np.shape(v) for k, v in traverse_util.flatten_dict(params, sep="/").items()}
+    if wanted != found:
+        names = sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
+        raise UserError(f"{where}: its weights do not match its config ({names[0]}); retrain it")
+    return params
+
+
+def _read(path: Path) -> Policy:
+    try:
+        record = json.loads(path.with_suffix(".json").read_text())
+        config = config_from_dict(TrainConfig, record["config"])
+        with np.load(path, allow_pickle=False) as archive:
+            flat = {name: jnp.asarray(archive[name]) for name in archive.files}
+    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(f"{path}: not a policy, or damaged ({error}); fetch it again") from error
+    return Policy(
+        config, check_params(config, traverse_util.unflatten_dict(flat, sep="/"), str(path))
+    )

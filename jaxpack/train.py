@@ -1,0 +1,207 @@
+"""`python -m jaxpack.train`: trains a policy and ends with how it compares."""
+
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import jax
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from tyro.conf import Positional
+
+from jaxpack.cli import parse_options, parse_sides, run_door
+from jaxpack.comparison import Cell, Comparison, Row, compare, make_instances
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import replace_file
+from jaxpack.files.runs import RunConfig, create_run, read_policy, read_run
+from jaxpack.learning.presets import DEFAULT_PRESET, preset
+from jaxpack.learning.trainer import TrainConfig
+from jaxpack.methods import MethodOptions, make_method
+from jaxpack.packing.first_fit import pack
+from jaxpack.tables import print_table, write_table
+from jaxpack.training import DivergedError, train_run
+
+FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100", "pointer")
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Train a policy in a run folder. Options that are not given are the preset's."""
+
+    preset: Positional[str] = DEFAULT_PRESET
+    """paper-2d, paper-3d or quick-2d."""
+    resume: Path | None = None
+    """Go on with this run folder; takes no other option."""
+    run: Path | None = None
+    """The run folder to make; runs/PRESET-TIME if not given."""
+    seed: int = 0
+    """Gives the weights, the data, the shuffles and the samples."""
+    items: int | None = None
+    """Items per instance."""
+    bin: int | None = None
+    """Side of the bin in cells, in every axis of the preset's bin."""
+    sides: str | None = None
+    """Smallest and largest side of an item, as LOW-HIGH."""
+    train_instances: int | None = None
+    """Size of the fixed training set."""
+    valid_instances: int | None = None
+    """Size of the fixed validation set."""
+    batch: int | None = None
+    """Instances per update."""
+    epochs: int | None = None
+    """Passes over the training set."""
+    learning_rate: float | None = None
+    """Of Adam, for actor and critic."""
+    alpha: float | None = None
+    """Weight of compactness in the cost."""
+    beta: float | None = None
+    """Weight of pyramid in the cost."""
+    hidden: int | None = None
+    """Width of the pointer network."""
+    chunk: int = 50
+    """Updates per dispatch and per line of metrics.jsonl, at most."""
+    checkpoint_every: int = 500
+    """Updates between validations and checkpoints, at least."""
+
+
+def make_recipe(options: TrainOptions) -> TrainConfig:
+    """The preset with the given options put in. Raises UserError where they do not go together."""
+    recipe = preset(options.preset)
+    names = (
+        "train_instances",
+        "valid_instances",
+        "batch",
+        "epochs",
+        "learning_rate",
+        "alpha",
+        "beta",
+    )
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    problem, distribution, policy = recipe.problem, recipe.distribution, recipe.policy
+    if options.items is not None:
+        distribution = replace(distribution, items=options.items)
+    if options.sides is not None:
+        ranges = parse_sides(options.sides)
+        if len(ranges) > 1:
+            raise UserError(f"--sides '{options.sides}': training takes one range, such as 1-5")
+        distribution = replace(distribution, low=ranges[0][0], high=ranges[0][1])
+    bin = problem.bin if options.bin is None else (options.bin,) * 3
+    problem = problem.resized(bin, distribution.high)
+    if options.hidden is not None:
+        policy = replace(policy, hidden=options.hidden)
+    return replace(recipe, problem=problem, distribution=distribution, policy=policy, **given)
+
+
+def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
+    """The run folder, made or found, and its config."""
+    if options.resume is not None:
+        if options != TrainOptions(resume=options.resume):
+            raise UserError("--resume takes no other option: the run folder holds them all")
+        return options.resume, read_run(options.resume)
+    for name in ("chunk", "checkpoint_every"):
+        if getattr(options, name) < 1:
+            raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
+    recipe = make_recipe(options)
+    config = RunConfig(
+        options.preset, options.seed, recipe, options.chunk, options.checkpoint_every
+    )
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    run = options.run or Path("runs") / f"{options.preset}-{stamp}-{os.getpid()}"
+    create_run(run, config)
+    return run, config
+
+
+def follow(run: Path, config: RunConfig, console: Console) -> None:
+    """Trains to the end behind a progress bar, and into TensorBoard where it is installed."""
+    columns = ("{task.description}", "{task.completed}/{task.total}", "{task.fields[figures]}")
+    progress = Progress(
+        TextColumn(columns[0]),
+        BarColumn(bar_width=20),
+        TextColumn(columns[1]),
+        TextColumn(columns[2]),
+        TimeRemainingColumn(),
+        console=console,
+    )
+    board = _tensorboard(run)
+    with progress:
+        task = progress.add_task("training", total=config.train.updates, figures="compiling")
+        for record in train_run(run, config):
+            if "validation" in record:
+                figures = record["validation"]
+                console.print(f"update {record['update']}, greedy, validation: {_figures(figures)}")
+            else:
+                figures = {k: v for k, v in record.items() if isinstance(v, float)}
+                speed = f"{record['updates_per_second']:.1f}/s"
+                text = f"{speed} {_figures(figures)}"
+                progress.update(task, completed=record["update"], figures=text)
+            for name, value in figures.items():
+                kind = "validation" if "validation" in record else "train"
+                if board:
+                    board.add_scalar(f"{kind}/{name}", value, record["update"])
+    if board:
+        board.close()
+
+
+def finish(run: Path, config: RunConfig, console: Console) -> None:
+    """The table, the picture and the path: the end of a run, also of one already trained."""
+    policy = read_policy(run)
+    problem = config.train.problem
+    comparison = Comparison(problem)
+    cell = Cell(problem.bin, config.train.distribution)
+    options = MethodOptions(policy=policy)
+    rows: list[Row] = []
+    for name in FINAL_METHODS:
+        rows += compare(comparison, name, make_method(name, problem, options), [cell])
+    with replace_file(run / "table.json") as file:
+        file.write(json.dumps([row.record() for row in rows], indent=2) + "\n")
+    write_table(run / "table.txt", rows)
+    print_table(console, rows)
+    _draw(run, comparison, cell, options)
+    console.print(f"picture: {run / 'packing.png'}", soft_wrap=True)
+    console.print(f"run: {run}", soft_wrap=True)
+
+
+def _draw(run: Path, comparison: Comparison, cell: Cell, options: MethodOptions) -> None:
+    from jaxpack.files.pictures import draw_packings
+
+    one = make_instances(replace(comparison, instances=1), cell, cell.distribution.items)
+    instance, key = jax.tree.map(lambda leaf: leaf[0], one)
+    packings = []
+    for name in ("random", "height", "pointer"):
+        order = make_method(name, comparison.problem, options)(key, instance)
+        packings.append((name, pack(comparison.problem, instance, order)))
+    draw_packings(run / "packing.png", instance, packings)
+
+
+def _figures(values: dict[str, float]) -> str:
+    names = (("cost", "cost"), ("compactness", "C"), ("pyramid", "P"), ("bins", "bins"))
+    return " ".join(f"{short} {values[name]:.3f}" for name, short in names)
+
+
+def _tensorboard(run: Path) -> Any:
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str(run / "tensorboard"))
+
+
+def main(argv: Sequence[str]) -> None:
+    """Parses, trains, prints."""
+    options = parse_options(TrainOptions, "train", argv)
+    run, config = start_or_resume(options)
+    console = Console()
+    console.print(f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}")
+    try:
+        follow(run, config, console)
+    except DivergedError as error:
+        raise SystemExit(f"error: {error}") from None
+    finish(run, config, console)
+
+
+if __name__ == "__main__":
+    run_door(main)

@@ -1,0 +1,123 @@
+"""A training run in its folder: chunk by chunk, logged, checkpointed, resumable to the bit."""
+
+import math
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.files.runs import (
+    Checkpoints,
+    RunConfig,
+    Snapshot,
+    append_line,
+    best_of_state,
+    first_snapshot,
+    rewind_lines,
+)
+from jaxpack.learning.pointer import Params, greedy_order
+from jaxpack.learning.trainer import (
+    ChunkMetrics,
+    TrainConfig,
+    train_chunk,
+    validation_set,
+)
+from jaxpack.packing.first_fit import pack
+from jaxpack.packing.metrics import bins_used, compactness, paper_cost, pyramid
+from jaxpack.packing.problem import Instance
+
+VALIDATION_BATCH = 500  # instances decoded side by side
+
+
+class DivergedError(RuntimeError):
+    """A loss, a gradient or a weight stopped being a number."""
+
+
+def chunk_length(config: RunConfig) -> int:
+    """Updates per dispatch: the largest divisor of an epoch that is no more than asked for."""
+    per_epoch = config.train.updates_per_epoch
+    return max(n for n in range(1, min(config.chunk, per_epoch) + 1) if per_epoch % n == 0)
+
+
+def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
+    """Trains in `run` from its newest checkpoint, or from the start, to the end.
+
+    Yields:
+        every record as it is added to metrics.jsonl: of a chunk of updates, or of a validation.
+
+    Raises:
+        DivergedError: when a number is not finite; the last checkpoint is from before.
+        UserError: where the newest checkpoint is damaged.
+    """
+    train, length = config.train, chunk_length(config)
+    checkpoints: Checkpoints | None = None
+    snapshot = None
+    if (run / "checkpoints").is_dir():
+        checkpoints = Checkpoints(run)
+        snapshot = checkpoints.restore(config)
+    state, best = snapshot or first_snapshot(config)
+    update = saved = int(state.update)
+    rewind_lines(run, update)
+    start = time.perf_counter()
+    while update < train.updates:
+        began = time.perf_counter()
+        state, metrics = train_chunk(train, state, length)
+        values = dict(zip(ChunkMetrics._fields, map(float, metrics), strict=True))
+        if values.pop("finite") != 1:
+            raise DivergedError(_diverged(run, update, update + length, saved))
+        now = time.perf_counter()
+        update += length
+        place = {"update": update, "epoch": math.ceil(update / train.updates_per_epoch)}
+        speed = {"updates_per_second": length / (now - began), "seconds": now - start}
+        yield _log(run, place | values | speed)
+        if update - saved >= config.checkpoint_every or update == train.updates:
+            means = validate_policy(train, state.params, state.key)
+            yield _log(run, place | {"validation": means})
+            if means["cost"] < best.cost:
+                best = best_of_state(state, means["cost"])
+            checkpoints = checkpoints or Checkpoints(run)
+            checkpoints.save(Snapshot(state, best))
+            saved = update
+    if checkpoints:
+        checkpoints.close()
+
+
+def _log(run: Path, record: dict[str, Any]) -> dict[str, Any]:
+    append_line(run, record)
+    return record
+
+
+def validate_policy(config: TrainConfig, params: Params, key: Array) -> dict[str, float]:
+    """Means of the greedy policy on the run's validation set."""
+    means = _validation_means(config, params, key)
+    return {name: float(value) for name, value in means.items()}
+
+
+@partial(jax.jit, static_argnames="config")
+def _validation_means(config: TrainConfig, params: Params, key: Array) -> dict[str, Array]:
+    def judge(instance: Instance) -> dict[str, Array]:
+        order = greedy_order(config.problem, config.policy, params, instance)
+        packing = pack(config.problem, instance, order)
+        return {
+            "cost": paper_cost(instance, packing, config.alpha, config.beta),
+            "compactness": compactness(instance, packing),
+            "pyramid": pyramid(packing),
+            "bins": bins_used(packing),
+        }
+
+    instances = validation_set(config, key)
+    judged = jax.lax.map(judge, instances, batch_size=min(VALIDATION_BATCH, config.valid_instances))
+    return jax.tree.map(jnp.mean, judged)
+
+
+def _diverged(run: Path, first: int, last: int, saved: int) -> str:
+    kept = f"the checkpoint of update {saved} in {run} is kept" if saved else "no checkpoint yet"
+    return (
+        f"training diverged between updates {first} and {last}: a loss, gradient or weight is not "
+        f"a number; {kept}; train again with a lower --learning-rate"
+    )
