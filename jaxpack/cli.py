@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import logging
 import os
 import re
 import sys
@@ -37,6 +38,8 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
 
 def run_door(door: Callable[[Sequence[str]], None]) -> None:
     """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
+    # What orbax logs on a damaged checkpoint: the one line below says it.
+    logging.getLogger("absl").setLevel(logging.CRITICAL)
     try:
         use_compilation_cache()
         door(sys.argv[1:])

@@ -9,9 +9,11 @@ A folder appears with its config in it or not at all; a checkpoint likewise. Kil
 moment, a run loses what it did since its last checkpoint and nothing else.
 """
 
+import gc
 import json
 import os
 import tempfile
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -129,19 +131,30 @@ class Checkpoints:
             return None
         wanted = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
         where = self._run / "checkpoints" / str(latest)
-        try:
-            plain = self._manager.restore(latest, args=self._orbax.args.StandardRestore(wanted))
-        except Exception as error:  # orbax raises many kinds, none of them its own
-            reason = (
-                str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-            )
+        plain, reason = self._read(latest, wanted)
+        if plain is None:
             raise UserError(
-                f"{where}: damaged checkpoint ({reason[:120]}); delete that folder to go back to "
-                "the one before it"
-            ) from error
+                f"{where}: damaged checkpoint ({reason}); delete that folder to go back to the one "
+                "before it"
+            )
         check_params(config.train, plain.best.params, str(where))
         state = plain.state._replace(key=jax.random.wrap_key_data(plain.state.key))
         return Snapshot(state, plain.best)
+
+    def _read(self, step: int, wanted: Snapshot) -> tuple[Snapshot | None, str]:
+        """(snapshot, "") or (None, what was wrong)."""
+        arguments = self._orbax.args.StandardRestore(wanted)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return self._manager.restore(step, args=arguments), ""
+            except Exception as error:  # orbax raises many kinds, none of them its own
+                lines = str(error).split("\n")
+                reason = lines[0].strip()[:120] or type(error).__name__
+            # A failed restore leaves coroutines that complain when they are collected: here,
+            # unheard, and not later on the user's screen.
+            gc.collect()
+        return None, reason
 
     def close(self) -> None:
         """Releases what orbax holds."""

@@ -83,9 +83,9 @@ def _read(path: Path) -> Policy:
     try:
         record = json.loads(path.with_suffix(".json").read_text())
         config = config_from_dict(TrainConfig, record["config"])
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             flat = {name: jnp.asarray(archive[name]) for name in archive.files}
-    except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         if isinstance(error, UserError):
             raise
         raise UserError(f"{path}: not a policy, or damaged ({error}); fetch it again") from error

@@ -55,7 +55,8 @@ def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
         packing = packer(*jax.tree.map(merge, (instance, order), tuple(batched)))
         return jax.tree.map(split, packing), jax.tree.map(lambda _: True, packing)
 
-    return packer
+    # Compiled once per problem and shape, also where the caller does not jit.
+    return jax.jit(packer)
 
 
 def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
@@ -65,7 +66,10 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     items, batch = order.shape
     # From here to the end everything is in packing order: row t is the t-th item to be packed.
     size = jnp.take_along_axis(instance.size, order[:, None], 0)
-    waiting = jnp.take_along_axis(instance.mask, order, 0)
+    # Items larger than the bin or the kernel's window never fit, and their sides may not survive
+    # the narrow type below.
+    limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]])[:, None])
+    waiting = jnp.take_along_axis(instance.mask, order, 0) & (size <= limit).all(1)
     needed = problem.cells_needed(size[:, 0] * size[:, 1]).astype(dtype)
     volume = size.prod(1)
     sides = tuple(size[:, axis].astype(dtype) for axis in range(3))

@@ -48,7 +48,8 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
 
     Args:
         heights: cell_dtype [L + window - 1, W + window - 1, *batch].
-        size: length, width and height, cell_dtype [*batch] each, cells.
+        size: length, width and height, cell_dtype [*batch] each, cells; no larger than the bin
+            and than the problem's window.
         needed: cell_dtype [*batch], cells of the footprint that must be at the resting height.
         ceiling: cell_dtype [*batch], the height of the bin.
 
@@ -61,10 +62,8 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
     z_x, count_x = _highest(under_x, [jnp.ones_like(heights[:L])] * window_x)
     under_y = [(d < width, z_x[:, d : d + W]) for d in range(window_y)]
     z, count = _highest(under_y, [count_x[:, d : d + W] for d in range(window_y)])
-    # A footprint beyond the window was only looked at in part. `ceiling - height` cannot
-    # overflow, `z + height` on a wall would.
-    known = (length <= window_x) & (width <= window_y)
-    allowed = (z <= ceiling - height) & (count >= needed) & known
+    # `ceiling - height` cannot overflow, `z + height` on a wall would.
+    allowed = (z <= ceiling - height) & (count >= needed)
     return jnp.where(allowed, z, np.iinfo(heights.dtype).max)
 
 

@@ -45,8 +45,10 @@ class Problem:
     inclusive: bool = True
 
     def __post_init__(self) -> None:
-        if len(self.bin) != 3 or any(int(side) != side or side < 1 for side in self.bin):
+        if not _whole_sides(self.bin, 3):
             raise UserError(f"bin {self.bin}: give three whole sides of at least 1 cell")
+        if self.largest is not None and not _whole_sides(self.largest, 2):
+            raise UserError(f"largest {self.largest}: give a whole length and width, or None")
         if self.bin[2] >= np.iinfo(np.int16).max or self.bin[0] * self.bin[1] > 1 << 20:
             raise UserError(f"bin {self.bin}: too many cells for a height map, use a coarser grid")
         if not 0 <= self.support <= 1:
@@ -66,7 +68,7 @@ class Problem:
     def resized(self, bin: tuple[int, int, int], high: int) -> "Problem":
         """The same rules for a bin (flat axes stay flat) and items with sides up to `high`."""
         sides = [side if axis in self.axes else 1 for axis, side in enumerate(bin)]
-        if min(sides[axis] for axis in self.axes) < 2:
+        if any(sides[axis] < 2 for axis in self.axes):
             raise UserError(f"bin {tuple(sides)}: give a side of at least 2 cells")
         largest = [high if axis in self.axes else 1 for axis in range(2)]
         return replace(self, bin=(sides[0], sides[1], sides[2]), largest=(largest[0], largest[1]))
@@ -74,10 +76,12 @@ class Problem:
     def cells_needed(self, area: Array) -> Array:
         """Cells that must support a footprint of ``area`` cells, exactly, in integers."""
         share = Fraction(self.support).limit_denominator(10_000)
-        scaled = area * share.numerator
+        # Whole multiples of the denominator apart: area * numerator may not fit 32 bits.
+        whole, rest = jnp.divmod(area, share.denominator)
+        scaled = rest * share.numerator
         if self.inclusive:
-            return -(-scaled // share.denominator)
-        return scaled // share.denominator + 1
+            return whole * share.numerator - (-scaled // share.denominator)
+        return whole * share.numerator + scaled // share.denominator + 1
 
 
 class Instance(NamedTuple):
@@ -98,6 +102,14 @@ class Packing(NamedTuple):
     shadow: Array  # int32[N], cells: sum of the height map of each bin slot
 
 
+def _whole_sides(sides: object, count: int) -> bool:
+    return (
+        isinstance(sides, tuple)
+        and len(sides) == count
+        and all(isinstance(side, int) and side >= 1 for side in sides)
+    )
+
+
 def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
     """An instance without padding from a table of sizes, checked.
 
@@ -108,7 +120,10 @@ def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
     Raises:
         UserError: naming the first item (row) that is not whole, not positive or too large.
     """
-    table = np.asarray(sizes)
+    try:
+        table = np.asarray(sizes)
+    except ValueError:
+        raise UserError("sizes: the rows are not all of the same length") from None
     if table.size == 0:
         raise UserError("the instance has no items: give at least one")
     columns = len(problem.axes)

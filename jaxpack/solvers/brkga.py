@@ -30,8 +30,11 @@ class BrkgaConfig:
     bias: float = 0.7  # probability of inheriting a key from the elite parent
 
     def __post_init__(self) -> None:
-        elite, mutants, children = self.shares
-        if elite < 1 or mutants < 0 or children < 1 or self.generations < 0:
+        for name in ("elite", "mutants", "bias"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise UserError(f"BRKGA {name} {getattr(self, name)}: give a share from 0 to 1")
+        elite, _, children = self.shares
+        if elite < 1 or children < 1 or self.generations < 0:
             raise UserError(
                 f"BRKGA population {self.population}, elite {self.elite}, mutants {self.mutants}, "
                 f"generations {self.generations}: leave at least one elite and one child"

@@ -1,0 +1,17 @@
+"""One compilation cache per test session: programs that several tests need compile once."""
+
+import os
+import tempfile
+
+
+def pytest_configure(config):
+    if not hasattr(config, "workerinput"):  # the workers inherit what their master set
+        config.compilation_cache = tempfile.TemporaryDirectory(prefix="jaxpack-tests-")
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = config.compilation_cache.name
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+        os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+
+
+def pytest_unconfigure(config):
+    if not hasattr(config, "workerinput"):
+        config.compilation_cache.cleanup()

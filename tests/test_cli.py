@@ -1,0 +1,184 @@
+"""The doors, as a user meets them: processes, their output, their exit codes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from jaxpack import cli, evaluate, train
+from jaxpack.comparison import Row
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def run_door(tmp_path_factory):
+    """Runs a door in an empty folder."""
+    home = tmp_path_factory.mktemp("home")
+    environment = os.environ | {"COLUMNS": "80"}
+
+    def run(door: str, *options: str) -> subprocess.CompletedProcess:
+        command = [sys.executable, "-m", f"jaxpack.{door}", *options]
+        return subprocess.run(
+            command, cwd=home, env=environment, capture_output=True, text=True, timeout=400
+        )
+
+    run.home = home
+    return run
+
+
+SMALL = ("--items", "6", "--train-instances", "80", "--valid-instances", "20", "--batch", "8")
+
+
+@pytest.fixture(scope="module")
+def trained(run_door):
+    done = run_door("train", *SMALL, "--epochs", "2", "--hidden", "8", "--chunk", "5", "--run", "r")
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_training_ends_with_table_picture_and_path(trained, run_door):
+    run = run_door.home / "r"
+    for name in ("random", "volume", "height", "pointer"):
+        assert f"\n{name} " in trained.stdout
+    assert "picture: r/packing.png" in trained.stdout
+    assert trained.stdout.rstrip().endswith("run: r")
+    assert (run / "packing.png").read_bytes().startswith(b"\x89PNG")
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    chunks = [line for line in lines if "validation" not in line]
+    assert [line["update"] for line in chunks] == [5, 10, 15, 20]
+    wanted = {"cost", "compactness", "pyramid", "bins", "updates_per_second", "epoch"}
+    assert wanted <= chunks[0].keys()
+    assert [line["update"] for line in lines if "validation" in line] == [20]
+    rows = json.loads((run / "table.json").read_text())
+    assert {row["method"] for row in rows} >= {"random", "height", "pointer"}
+    assert "pointer" in (run / "table.txt").read_text()
+    config = json.loads((run / "config.json").read_text())
+    assert (config["seed"], config["train"]["batch"]) == (0, 8)
+
+
+def test_resuming_a_finished_run_prints_its_table_again(trained, run_door):
+    again = run_door("train", "--resume", "r")
+    assert again.returncode == 0, again.stderr
+    assert "pointer" in again.stdout
+
+
+def test_evaluate_prints_a_table_and_writes_json(run_door):
+    methods = "random,volume,height,footprint,best-of-20,brkga,pointer"
+    options = ["--methods", methods, "--instances", "30", "--batch", "10", "--json", "rows.json"]
+    budget = ["--brkga-population", "10", "--brkga-generations", "3"]
+    done = run_door("evaluate", "paper-2d", *options, *budget)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((run_door.home / "rows.json").read_text())
+    assert [row["method"] for row in rows] == methods.split(",")
+    fields = (
+        "method compactness pyramid bins utilisation lower_bound ms_per_instance instances seed"
+    )
+    for row in rows:
+        assert set(fields.split()) <= row.keys()
+        assert row["bins"] >= row["lower_bound"]
+        assert row["ms_per_instance"] > 0
+        assert f"\n{row['method']} " in done.stdout
+    assert "0.894/0.964/4.307" in done.stdout, "the paper's B-Box Seq row"
+
+
+def test_a_grid_has_a_row_per_cell_with_standard_errors(run_door):
+    grid = ["--items", "5,10", "--bin", "8,10", "--sides", "1-4,2-5", "--seeds", "2"]
+    options = ["--methods", "random,height", "--instances", "20", "--json", "grid.json"]
+    done = run_door("evaluate", "paper-3d", *grid, *options)
+    assert done.returncode == 0, done.stderr
+    rows = [Row(**row) for row in json.loads((run_door.home / "grid.json").read_text())]
+    assert len({(row.items, tuple(row.bin), tuple(row.sides)) for row in rows}) == 8
+    assert len(rows) == 16
+    assert all(row.seeds == 2 and row.standard_error["compactness"] > 0 for row in rows)
+    assert "±" in done.stdout
+
+
+def test_a_runs_policy_can_be_evaluated(trained, run_door):
+    done = run_door("evaluate", "--methods", "pointer", "--instances", "10", "--run", "r")
+    assert done.returncode == 0, done.stderr
+    assert "\npointer " in done.stdout
+
+
+BAD = [
+    ("train paper-4d", "unknown preset 'paper-4d': choose one of paper-2d"),
+    ("evaluate paper-5d", "unknown preset 'paper-5d'"),
+    ("evaluate --methods magic", "unknown method 'magic': choose from random"),
+    ("evaluate --methods best-of-0", "unknown method 'best-of-0'"),
+    ("evaluate --methods ,", "--methods names none"),
+    ("evaluate --sides 1-11", "larger than the bin (10, 1, 10)"),
+    ("train --sides 4-7 --bin 6", "larger than the bin (6, 1, 6)"),
+    ("evaluate --sides 0-5", "a side is at least 1 cell"),
+    ("evaluate --sides=-2-5", "a side is at least 1 cell"),
+    ("evaluate --sides 1.5-3", "give whole cells as LOW-HIGH"),
+    ("evaluate --items 2.5", "--items '2.5': give whole numbers"),
+    ("train --items 2.5", "--items"),
+    ("evaluate --items 0", "an instance needs at least 1 item"),
+    ("train --items=-4", "an instance needs at least 1 item"),
+    ("evaluate --bin 1", "give a side of at least 2 cells"),
+    ("evaluate --instances 0", "instances 0: give at least 1"),
+    ("evaluate --objective speed", "--objective 'speed': choose bins or paper"),
+    ("evaluate --brkga-population 2", "BRKGA population 2"),
+    ("evaluate --run nowhere", "nowhere: no such run folder"),
+    ("evaluate --run foreign", "foreign: not a run folder"),
+    ("evaluate --run damaged", "config.json: damaged, not JSON"),
+    ("evaluate paper-3d --methods pointer --run r", "its policy is for 2D, the preset is 3D"),
+    ("evaluate --json nowhere/rows.json", "its folder does not exist"),
+    ("train --resume nowhere", "nowhere: no such run folder"),
+    ("train --resume foreign", "foreign: not a run folder"),
+    ("train --resume r --epochs 3", "--resume takes no other option"),
+    ("train --run r", "r: exists already"),
+    ("train --batch 0", "batch 0: give at least 1"),
+    ("train --colour red", "Unrecognized options: --colour"),
+]
+
+
+def assert_refused(code, output, errors, message):
+    assert code == 2
+    assert errors.startswith("error: ")
+    assert len(errors.strip().splitlines()) == 1, errors
+    assert message in errors
+    assert output == ""
+
+
+@pytest.fixture
+def home(run_door, trained, monkeypatch):
+    """The folder with the trained run and two that are none."""
+    for name in ("foreign", "damaged"):
+        (run_door.home / name).mkdir(exist_ok=True)
+    (run_door.home / "damaged" / "config.json").write_text("{")
+    monkeypatch.chdir(run_door.home)
+    return run_door.home
+
+
+@pytest.mark.parametrize(("command", "message"), BAD, ids=[command for command, _ in BAD])
+def test_bad_input_is_one_line_and_exit_code_2(home, capsys, monkeypatch, command, message):
+    door, *options = command.split()
+    monkeypatch.setattr(sys, "argv", [door, *options])
+    monkeypatch.setattr(cli, "use_compilation_cache", lambda: None)
+    before = sorted(home.iterdir())
+    with pytest.raises(SystemExit) as stop:
+        cli.run_door({"train": train.main, "evaluate": evaluate.main}[door])
+    output, errors = capsys.readouterr()
+    assert_refused(stop.value.code, output, errors, message)
+    assert sorted(home.iterdir()) == before, "something was left behind"
+
+
+@pytest.mark.parametrize("index", [0, 2, 18])
+def test_bad_input_to_a_process(home, run_door, index):
+    command, message = BAD[index]
+    door, *options = command.split()
+    done = run_door(door, *options)
+    assert_refused(done.returncode, done.stdout, done.stderr, message)
+
+
+def test_a_run_that_diverges_says_so_and_exits_with_1(home, run_door):
+    rate = ("--learning-rate", "1e30", "--run", "diverged", "--checkpoint-every", "5")
+    done = run_door("train", *SMALL, "--hidden", "8", "--chunk", "5", *rate)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "training diverged between updates 0 and 5" in done.stderr
+    assert "lower --learning-rate" in done.stderr

@@ -1,0 +1,115 @@
+"""Comparisons: the same figures however they are batched, padded or split."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxpack import (
+    Cell,
+    Comparison,
+    Distribution,
+    InvalidPackingError,
+    MethodOptions,
+    UserError,
+    compare,
+    load_policy,
+    make_method,
+    preset,
+)
+from jaxpack.comparison import grid_cells, grid_problem, make_instances
+from jaxpack.solvers.brkga import BrkgaConfig
+from jaxpack.tables import paper_row, write_table
+
+PAPER = preset("paper-2d")
+CELL = Cell(PAPER.problem.bin, PAPER.distribution)
+FIGURES = ("compactness", "pyramid", "bins", "utilisation", "lower_bound", "gap")
+
+
+def figures(row):
+    return [getattr(row, name) for name in FIGURES]
+
+
+@pytest.mark.parametrize("name", ["random", "best-of-30", "brkga", "pointer"])
+def test_the_batch_size_does_not_change_the_figures(name):
+    options = MethodOptions(brkga=BrkgaConfig(20, 5), policy=load_policy("pointer-2d"))
+    method = make_method(name, PAPER.problem, options)
+    rows = [
+        compare(Comparison(PAPER.problem, instances=60, batch=batch), name, method, [CELL])[0]
+        for batch in (7, 60)
+    ]
+    assert figures(rows[0]) == figures(rows[1])
+
+
+def test_more_instances_extend_the_set():
+    few, _ = make_instances(Comparison(PAPER.problem, instances=5), CELL, 40)
+    many, _ = make_instances(Comparison(PAPER.problem, instances=9), CELL, 40)
+    np.testing.assert_array_equal(few.size, many.size[:5])
+    other, _ = make_instances(Comparison(PAPER.problem, instances=5, seed=1), CELL, 40)
+    assert not (few.size == other.size).all()
+
+
+def test_a_cell_has_the_same_figures_inside_a_grid_and_alone():
+    cells = grid_cells(PAPER.problem, [10, 40], [8, 12], [(1, 5), (2, 4)])
+    assert len(cells) == 8
+    grid = Comparison(grid_problem(PAPER.problem, cells), instances=20, batch=20)
+    assert grid.problem.bin == (12, 1, 12)
+    assert grid.problem.largest == (5, 1)
+    method = make_method("height", grid.problem, MethodOptions())
+    rows = compare(grid, "height", method, cells)
+    assert [(row.items, row.bin, row.sides) for row in rows] == [
+        (cell.distribution.items, cell.bin, (cell.distribution.low, cell.distribution.high))
+        for cell in cells
+    ]
+    for cell, row in ((cells[0], rows[0]), (cells[-1], rows[-1])):
+        problem = PAPER.problem.resized(cell.bin, cell.distribution.high)
+        alone = compare(replace(grid, problem=problem), "height", method, [cell])[0]
+        assert figures(row) == figures(alone)
+
+
+def test_seeds_are_pooled_and_errors_are_those_of_the_mean():
+    method = make_method("height", PAPER.problem, MethodOptions())
+    both = Comparison(PAPER.problem, instances=40, seeds=2, batch=40)
+    pooled = compare(both, "height", method, [CELL])[0]
+    single = [
+        compare(replace(both, seeds=1, seed=seed), "height", method, [CELL])[0] for seed in (0, 1)
+    ]
+    assert pooled.bins == pytest.approx(np.mean([row.bins for row in single]))
+    # The variance of 80 values from the means and sample variances of its two halves.
+    within = sum(39 * 40 * row.standard_error["bins"] ** 2 for row in single)
+    between = sum(40 * (row.bins - pooled.bins) ** 2 for row in single)
+    expected = ((within + between) / 79 / 80) ** 0.5
+    assert pooled.standard_error["bins"] == pytest.approx(expected)
+
+
+def test_an_impossible_packing_never_becomes_a_row():
+    def cheat(key, instance):
+        return jnp.zeros(instance.mask.shape, jnp.int32)  # item 0, forty times
+
+    comparison = Comparison(PAPER.problem, instances=4, batch=4)
+    with pytest.raises(InvalidPackingError, match="cheat packed against the rules: instance 0"):
+        compare(comparison, "cheat", cheat, [CELL])
+    assert compare(replace(comparison, validate=False), "cheat", cheat, [CELL])
+
+
+def test_bad_comparisons_are_refused():
+    with pytest.raises(UserError, match="batch 0"):
+        Comparison(PAPER.problem, batch=0)
+    with pytest.raises(UserError, match=r"larger than the bin \(4, 1, 4\)"):
+        grid_cells(PAPER.problem, [10], [12, 4], [(1, 5)])
+    with pytest.raises(UserError, match="unknown method"):
+        make_method("best-of-x", PAPER.problem, MethodOptions())
+    with pytest.raises(UserError, match="'pointer' has no policy"):
+        make_method("pointer", PAPER.problem, MethodOptions())
+
+
+def test_the_papers_row_stands_beside_ours_only_where_it_belongs(tmp_path):
+    method = make_method("volume", PAPER.problem, MethodOptions())
+    comparison = Comparison(PAPER.problem, instances=5, batch=5)
+    other = Cell(PAPER.problem.bin, Distribution(20, 1, 5))
+    papers, ours = compare(comparison, "volume", method, [CELL, other])
+    assert paper_row(papers) == (0.894, 0.964, 4.307, 0.927)
+    assert paper_row(ours) is None
+    write_table(tmp_path / "table.txt", [papers])
+    assert "0.894/0.964/4.307" in (tmp_path / "table.txt").read_text()

@@ -1,0 +1,51 @@
+"""Imports point one way: doors -> methods, tables, ... -> files, learning, solvers -> packing."""
+
+import ast
+from pathlib import Path
+
+import jaxpack
+
+ROOT = Path(jaxpack.__file__).parent
+DOORS = {"train", "evaluate"}
+ROOMS = {"packing", "solvers", "learning", "files"}
+TOP = {"methods", "comparison", "tables", "training", "cli"}
+ALLOWED = {
+    "errors": set(),
+    "packing": {"errors", "packing"},
+    "solvers": {"errors", "packing", "solvers"},
+    "learning": {"errors", "packing", "learning"},
+    "files": {"errors", "packing", "learning", "files"},
+    **{name: {"errors"} | ROOMS | TOP for name in TOP},
+    **{door: {"errors"} | ROOMS | TOP for door in DOORS},
+    "__init__": {"errors"} | ROOMS | TOP,
+}
+
+
+def parts_imported(source):
+    """The parts of the package that a module imports, wherever in its text it does so."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        for name in names:
+            package, part, *_ = [*name.split("."), "", ""]
+            if package == "jaxpack":
+                yield part
+
+
+def test_imports_point_one_way():
+    modules = sorted(ROOT.rglob("*.py"))
+    assert {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in modules} == set(ALLOWED)
+    for path in modules:
+        part = path.relative_to(ROOT).parts[0].removesuffix(".py")
+        wrong = set(parts_imported(path.read_text())) - ALLOWED[part]
+        assert not wrong, f"{path.relative_to(ROOT)} imports {', '.join(sorted(wrong))}"
+
+
+def test_the_reader_of_imports_sees_every_form():
+    source = "import jaxpack.train as t\ndef f():\n    from jaxpack import evaluate\nimport os"
+    assert sorted(parts_imported(source)) == ["evaluate", "train"]

@@ -1,0 +1,149 @@
+"""The training program: pure, traced once, the same in pieces as in one go."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxpack import Distribution, PointerConfig, Problem, TrainConfig, init_state, make_train
+from jaxpack.errors import UserError
+from jaxpack.learning import trainer
+from jaxpack.learning.presets import PRESETS, preset
+from jaxpack.learning.trainer import (
+    ChunkMetrics,
+    train_chunk,
+    train_step,
+    train_updates,
+    training_instances,
+    validation_set,
+)
+
+SMALL = TrainConfig(
+    problem=Problem(bin=(6, 1, 6), largest=(4, 1)),
+    distribution=Distribution(items=8, low=1, high=4),
+    policy=PointerConfig(hidden=16, critic=8),
+    train_instances=64,
+    valid_instances=16,
+    batch=16,
+    epochs=2,
+)
+NOTHING = ChunkMetrics(*[jnp.float32(0)] * len(ChunkMetrics._fields))
+
+
+def assert_same_bits(one, two):
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
+        if jnp.issubdtype(a.dtype, jax.dtypes.prng_key):
+            a, b = jax.random.key_data(a), jax.random.key_data(b)
+        np.testing.assert_array_equal(a, b)
+
+
+def test_three_seeds_and_rates_train_at_once_and_the_cost_falls():
+    config = replace(SMALL, train_instances=3200, batch=32)
+    train = make_train(config)
+    seeds, rates = jnp.arange(3), jnp.asarray([5e-3, 5e-3, 0.0])
+    states, metrics = jax.jit(jax.vmap(lambda seed, rate: train(jax.random.key(seed), rate)))(
+        seeds, rates
+    )
+    assert metrics.cost.shape == (3, config.epochs)
+    assert (states.update == config.updates).all()
+    assert (metrics.finite == 1).all()
+    assert (metrics.cost[:2, 1] < 0.98 * metrics.cost[:2, 0]).all()
+    # A rate of zero is no training: the third run ends with the weights it began with.
+    untrained = init_state(config, jax.random.key(2)).params
+    assert_same_bits(jax.tree.map(lambda leaf: leaf[2], states.params), untrained)
+
+
+def test_chunks_of_any_length_give_the_same_bits_from_one_trace_each():
+    before = train_chunk._cache_size()
+    start = init_state(SMALL, jax.random.key(0))
+    state = jax.tree.map(jnp.copy, start)
+    for _ in range(2):
+        state, _ = train_chunk(SMALL, state, 2)
+    assert train_chunk._cache_size() == before + 1
+    epoch, _ = train_chunk(SMALL, start, 4)
+    assert_same_bits(state, epoch)
+    assert jax.tree.leaves(start.params)[0].is_deleted(), "the state was copied, not donated"
+    # The pure function, vmapped over three keys, trains the same policy.
+    train = make_train(replace(SMALL, epochs=1))
+    many, _ = jax.jit(jax.vmap(lambda seed: train(jax.random.key(seed))))(jnp.asarray([7, 0, 8]))
+    second = jax.tree.map(lambda leaf: leaf[1], many.params)
+    difference = jax.tree.map(lambda a, b: jnp.abs(a - b).max(), second, epoch.params)
+    assert max(jax.tree.leaves(difference)) < 1e-5
+
+
+def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatch):
+    sizes = training_instances(SMALL, jax.random.key(0), jnp.arange(64)).size
+    row_of = {np.asarray(size).tobytes(): row for row, size in enumerate(sizes)}
+    assert len(row_of) == 64
+    seen = []
+
+    def record(config, state, instances):
+        jax.debug.callback(lambda size: seen.extend(np.asarray(size)), instances.size, ordered=True)
+        return state._replace(update=state.update + 1), NOTHING
+
+    monkeypatch.setattr(trainer, "train_step", record)
+    state = init_state(SMALL, jax.random.key(0))
+    epochs = []
+    for _ in range(2):
+        seen.clear()
+        state, _ = train_updates(SMALL, state, SMALL.updates_per_epoch)
+        jax.effects_barrier()
+        epochs.append([row_of[size.tobytes()] for size in seen])
+        assert sorted(epochs[-1]) == list(range(64))
+    assert epochs[0] != epochs[1]
+
+
+def test_sets_differ_and_are_fixed_by_the_key():
+    key = jax.random.key(7)
+    train = training_instances(SMALL, key, jnp.arange(16)).size
+    valid = validation_set(SMALL, key).size
+    assert not (train == valid).all()
+    np.testing.assert_array_equal(
+        train[3], training_instances(SMALL, key, jnp.asarray([3])).size[0]
+    )
+    assert not (train == training_instances(SMALL, jax.random.key(8), jnp.arange(16)).size).all()
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_builds(name):
+    config = preset(name)
+    state = jax.eval_shape(lambda: init_state(config, jax.random.key(0)))
+    rows = jax.ShapeDtypeStruct((config.batch,), jnp.int32)
+    instances = jax.eval_shape(
+        lambda rows: training_instances(config, jax.random.key(0), rows), rows
+    )
+    after, metrics = jax.eval_shape(lambda s, i: train_step(config, s, i), state, instances)
+    assert jax.tree.map(jnp.shape, after.params) == jax.tree.map(jnp.shape, state.params)
+    assert metrics.cost.shape == ()
+
+
+def test_the_papers_recipe():
+    for name, items, sides in (("paper-2d", 40, (1, 5)), ("paper-3d", 70, (2, 5))):
+        config = preset(name)
+        assert config.updates == 10_000  # 100,000 / 50 * 5
+        assert (config.train_instances, config.valid_instances) == (100_000, 10_000)
+        assert (config.batch, config.epochs, config.learning_rate) == (50, 5, 5e-4)
+        assert (config.alpha, config.beta) == (0.5, 0.5)
+        d = config.distribution
+        assert (d.items, (d.low, d.high)) == (items, sides)
+    assert preset("paper-2d").problem.bin == (10, 1, 10)
+    assert preset("paper-2d").problem.inclusive
+    assert preset("paper-3d").problem.bin == (10, 10, 10)
+    assert not preset("paper-3d").problem.inclusive
+
+
+def test_bad_recipes_are_refused():
+    with pytest.raises(UserError, match="unknown preset 'paper-4d': choose one of paper-2d"):
+        preset("paper-4d")
+    common = {"problem": SMALL.problem, "distribution": SMALL.distribution}
+    for wrong, message in (
+        ({"batch": 0}, "batch 0"),
+        ({"epochs": 0}, "epochs 0"),
+        ({"batch": 100, "train_instances": 10}, "larger than train_instances"),
+        ({"learning_rate": 0.0}, "learning_rate 0.0"),
+        ({"distribution": Distribution(8, 1, 7)}, "larger than the bin"),
+    ):
+        with pytest.raises(UserError, match=message):
+            TrainConfig(**(common | wrong))
