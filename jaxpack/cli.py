@@ -1,6 +1,7 @@
 """What the doors share: parsing with one-line errors, exit codes, the compilation cache."""
 
 import contextlib
+import gc
 import io
 import logging
 import os
@@ -40,6 +41,8 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
     # What orbax logs on a damaged checkpoint: the one line below says it.
     logging.getLogger("absl").setLevel(logging.CRITICAL)
+    # What the imports made stays: collections while a program is traced then skip it.
+    gc.freeze()
     try:
         use_compilation_cache()
         door(sys.argv[1:])
