@@ -1,13 +1,14 @@
 """The paper's recipes, run as a user runs them, timed from outside; makes the shipped weights.
 
-python experiments/train_paper.py 2d  (6 minutes on two cores)
-python experiments/train_paper.py 3d  (14 minutes on two cores)
+python experiments/train_paper.py 2d  (5 minutes on two cores)
+python experiments/train_paper.py 3d  (17 minutes or less on two cores)
 
 Writes results/train-DIM.csv (the run's metrics, a line per 250 updates, and its validations),
 results/train-DIM.txt (its final table, wall time and peak memory) and jaxpack/weights.
 """
 
 import csv
+import os
 import platform
 import resource
 import subprocess
@@ -54,7 +55,7 @@ def main() -> None:
     RESULTS.mkdir(exist_ok=True)
     write_metrics(RESULTS / f"train-{dimension}.csv", run)
     machine = f"{jax.device_count()} {jax.devices()[0].device_kind} device, "
-    machine += f"{len(__import__('os').sched_getaffinity(0))} cores, {platform.machine()}"
+    machine += f"{len(os.sched_getaffinity(0))} cores, {platform.machine()}"
     command = f"python -m jaxpack.train paper-{dimension} --seed 0"
     with replace_file(RESULTS / f"train-{dimension}.txt") as file:
         file.write((run / "table.txt").read_text())
