@@ -9,12 +9,12 @@ A folder appears with its config in it or not at all; a checkpoint likewise. Kil
 moment, a run loses what it did since its last checkpoint and nothing else.
 """
 
-import gc
 import json
 import os
 import tempfile
 import warnings
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,9 +26,10 @@ from jax.typing import ArrayLike
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
-from jaxpack.files.weights import Policy, check_params
-from jaxpack.learning.pointer import Params
-from jaxpack.learning.trainer import TrainConfig, TrainState, init_state
+from jaxpack.files.weights import Policy
+from jaxpack.learning.policies import Params
+from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.trainer import TrainState, init_state
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Best(NamedTuple):
     """The policy with the lowest cost on the validation set so far: the one a run ends with."""
 
     params: Params
-    cost: Array  # float32[], mean R of the greedy orders; inf before the first validation
+    cost: Array  # float32[], mean objective of the greedy orders; inf before the first validation
     update: Array  # int32[], updates it had
 
 
@@ -112,7 +113,11 @@ class Checkpoints:
         options = ocp.CheckpointManagerOptions(
             max_to_keep=2, enable_async_checkpointing=False, cleanup_tmp_directories=True
         )
-        self._manager = ocp.CheckpointManager((run / "checkpoints").resolve(), options=options)
+        self._manager = ocp.CheckpointManager(
+            (run / "checkpoints").resolve(),
+            options=options,
+            item_handlers=ocp.StandardCheckpointHandler(),
+        )
 
     def save(self, snapshot: Snapshot) -> None:
         """Writes a snapshot; the folder of a checkpoint appears when it is complete."""
@@ -137,7 +142,6 @@ class Checkpoints:
                 f"{where}: damaged checkpoint ({reason}); delete that folder to go back to the one "
                 "before it"
             )
-        check_params(config.train, plain.best.params, str(where))
         state = plain.state._replace(key=jax.random.wrap_key_data(plain.state.key))
         return Snapshot(state, plain.best)
 
@@ -147,18 +151,25 @@ class Checkpoints:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
+                # Read only what has the right shape: a restore that fails half-way leaves
+                # coroutines that complain on the user's screen when they are collected.
+                if _shapes(self._manager.item_metadata(step).tree) != _shapes(wanted):
+                    return None, "made with another config"
                 return self._manager.restore(step, args=arguments), ""
             except Exception as error:  # orbax raises many kinds, none of them its own
                 lines = str(error).split("\n")
-                reason = lines[0].strip()[:120] or type(error).__name__
-            # A failed restore leaves coroutines that complain when they are collected: here,
-            # unheard, and not later on the user's screen.
-            gc.collect()
-        return None, reason
+                return None, lines[0].strip()[:120] or type(error).__name__
 
     def close(self) -> None:
         """Releases what orbax holds."""
         self._manager.close()
+
+
+def _shapes(tree: Any) -> dict[str, tuple[int, ...]]:
+    """Shape of every leaf by its path, alike for named tuples and for what orbax makes of them."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
+    name = partial(jax.tree_util.keystr, simple=True, separator="/")
+    return {name(path): tuple(leaf.shape) for path, leaf in leaves}
 
 
 def _key_as_data(snapshot: Snapshot) -> Snapshot:
