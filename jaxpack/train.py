@@ -18,14 +18,15 @@ from jaxpack.comparison import Cell, Comparison, Row, compare, make_instances
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, create_run, read_policy, read_run
+from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
-from jaxpack.learning.trainer import TrainConfig
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.methods import MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
 
-FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100", "pointer")
+FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100")
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class TrainOptions:
     """Train a policy in a run folder. Options that are not given are the preset's."""
 
     preset: Positional[str] = DEFAULT_PRESET
-    """paper-2d, paper-3d or quick-2d."""
+    """bin-aware-2d, bin-aware-3d, paper-2d or paper-3d."""
     resume: Path | None = None
     """Go on with this run folder; takes no other option."""
     run: Path | None = None
@@ -55,16 +56,30 @@ class TrainOptions:
     epochs: int | None = None
     """Passes over the training set."""
     learning_rate: float | None = None
-    """Of Adam, for actor and critic."""
+    """Of Adam, at the start."""
+    schedule: str | None = None
+    """Of the rate: constant, or cosine (down to zero)."""
+    objective: str | None = None
+    """What is minimised: bins (bins, then C, then P) or paper (R)."""
+    learner: str | None = None
+    """Baseline: critic or leave-one-out; or self-label, to imitate the best sample."""
+    credit: str | None = None
+    """What a choice answers for: order (all of it), or bin (its own bin and later ones)."""
+    samples: int | None = None
+    """Orders drawn per instance."""
+    entropy: float | None = None
+    """Weight of the choices' entropy in the loss."""
+    clip: float | None = None
+    """Largest norm of a gradient, 0 for any."""
     alpha: float | None = None
     """Weight of compactness in the cost."""
     beta: float | None = None
     """Weight of pyramid in the cost."""
     hidden: int | None = None
-    """Width of the pointer network."""
-    chunk: int = 50
+    """Width of the network."""
+    chunk: int = 20
     """Updates per dispatch and per line of metrics.jsonl, at most."""
-    checkpoint_every: int = 500
+    checkpoint_every: int = 100
     """Updates between validations and checkpoints, at least."""
 
 
@@ -77,6 +92,13 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
         "batch",
         "epochs",
         "learning_rate",
+        "schedule",
+        "objective",
+        "learner",
+        "credit",
+        "samples",
+        "entropy",
+        "clip",
         "alpha",
         "beta",
     )
@@ -152,27 +174,34 @@ def finish(run: Path, config: RunConfig, console: Console) -> None:
     problem = config.train.problem
     comparison = Comparison(problem)
     cell = Cell(problem.bin, config.train.distribution)
-    options = MethodOptions(policy=policy)
+    kinds = cell.distribution.kinds(problem)
+    options = MethodOptions(policy=policy, kinds=kinds)
+    trained: tuple[str, ...] = ("pointer",)
+    if isinstance(config.train.policy, BinAwareConfig):
+        trained = ("bin-aware", "bin-aware-best-of-16")
     rows: list[Row] = []
-    for name in FINAL_METHODS:
+    for name in (*FINAL_METHODS, *trained):
         rows += compare(comparison, name, make_method(name, problem, options), [cell])
     with replace_file(run / "table.json") as file:
         file.write(json.dumps([row.record() for row in rows], indent=2) + "\n")
     write_table(run / "table.txt", rows)
     print_table(console, rows)
-    _draw(run, comparison, cell, options)
+    _draw(run, comparison, cell, options, trained[0])
     console.print(f"picture: {run / 'packing.png'}", soft_wrap=True)
     console.print(f"run: {run}", soft_wrap=True)
 
 
-def _draw(run: Path, comparison: Comparison, cell: Cell, options: MethodOptions) -> None:
+def _draw(
+    run: Path, comparison: Comparison, cell: Cell, options: MethodOptions, trained: str
+) -> None:
     from jaxpack.files.pictures import draw_packings
 
-    one = make_instances(replace(comparison, instances=1), cell, cell.distribution.items)
-    instance, key = jax.tree.map(lambda leaf: leaf[0], one)
+    one = replace(comparison, instances=1)
+    instances, keys = make_instances(one, cell, cell.distribution.items)
+    instance = jax.tree.map(lambda leaf: leaf[0], instances)
     packings = []
-    for name in ("random", "height", "pointer"):
-        order = make_method(name, comparison.problem, options)(key, instance)
+    for name in ("random", "height", trained):
+        order = make_method(name, comparison.problem, options).orders(keys, instances)[0]
         packings.append((name, pack(comparison.problem, instance, order)))
     draw_packings(run / "packing.png", instance, packings)
 

@@ -20,16 +20,15 @@ from jaxpack.files.runs import (
     first_snapshot,
     rewind_lines,
 )
-from jaxpack.learning.pointer import Params, greedy_order
+from jaxpack.learning.policies import Params, greedy_orders
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import (
     ChunkMetrics,
-    TrainConfig,
     train_chunk,
     validation_set,
 )
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.metrics import bins_used, compactness, paper_cost, pyramid
-from jaxpack.packing.problem import Instance
+from jaxpack.packing.metrics import bins_used, compactness, pyramid
 
 VALIDATION_BATCH = 500  # instances decoded side by side
 
@@ -100,19 +99,22 @@ def validate_policy(config: TrainConfig, params: Params, key: Array) -> dict[str
 
 @partial(jax.jit, static_argnames="config")
 def _validation_means(config: TrainConfig, params: Params, key: Array) -> dict[str, Array]:
-    def judge(instance: Instance) -> dict[str, Array]:
-        order = greedy_order(config.problem, config.policy, params, instance)
-        packing = pack(config.problem, instance, order)
+    batch = min(VALIDATION_BATCH, config.valid_instances)
+
+    def judge(rows: Array) -> dict[str, Array]:
+        instances = validation_set(config, key, jnp.minimum(rows, config.valid_instances - 1))
+        orders = greedy_orders(config.problem, config.policy, params, instances, config.kinds)
+        packing = jax.vmap(partial(pack, config.problem))(instances, orders)
         return {
-            "cost": paper_cost(instance, packing, config.alpha, config.beta),
-            "compactness": compactness(instance, packing),
-            "pyramid": pyramid(packing),
-            "bins": bins_used(packing),
+            "cost": jax.vmap(config.cost)(instances, packing),
+            "compactness": jax.vmap(compactness)(instances, packing),
+            "pyramid": jax.vmap(pyramid)(packing),
+            "bins": jax.vmap(bins_used)(packing),
         }
 
-    instances = validation_set(config, key)
-    judged = jax.lax.map(judge, instances, batch_size=min(VALIDATION_BATCH, config.valid_instances))
-    return jax.tree.map(jnp.mean, judged)
+    pieces = -(-config.valid_instances // batch)
+    judged = jax.lax.map(judge, jnp.arange(pieces * batch).reshape(pieces, batch))
+    return {k: v.reshape(-1)[: config.valid_instances].mean() for k, v in judged.items()}
 
 
 def _diverged(run: Path, first: int, last: int, saved: int) -> str:

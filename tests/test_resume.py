@@ -29,7 +29,7 @@ from jaxpack.files.runs import (
 )
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import preset
-from jaxpack.learning.trainer import TrainConfig
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.packing.instances import Distribution
 from jaxpack.packing.problem import Problem
 from jaxpack.training import DivergedError, chunk_length, train_run, validate_policy

@@ -98,7 +98,7 @@ def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatc
 def test_sets_differ_and_are_fixed_by_the_key():
     key = jax.random.key(7)
     train = training_instances(SMALL, key, jnp.arange(16)).size
-    valid = validation_set(SMALL, key).size
+    valid = validation_set(SMALL, key, jnp.arange(16)).size
     assert not (train == valid).all()
     np.testing.assert_array_equal(
         train[3], training_instances(SMALL, key, jnp.asarray([3])).size[0]
@@ -135,7 +135,7 @@ def test_the_papers_recipe():
 
 
 def test_bad_recipes_are_refused():
-    with pytest.raises(UserError, match="unknown preset 'paper-4d': choose one of paper-2d"):
+    with pytest.raises(UserError, match="unknown preset 'paper-4d': choose one of bin-aware-2d"):
         preset("paper-4d")
     common = {"problem": SMALL.problem, "distribution": SMALL.distribution}
     for wrong, message in (

@@ -18,8 +18,8 @@ from flax import traverse_util
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
-from jaxpack.learning.pointer import Params, init_pointer
-from jaxpack.learning.trainer import TrainConfig
+from jaxpack.learning.policies import Params, init_policy
+from jaxpack.learning.recipe import TrainConfig
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,7 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
 
 def check_params(config: TrainConfig, params: Params, where: str) -> Params:
     """`params` if they have the shapes that `config` gives; UserError naming `where` if not."""
-    expected = jax.eval_shape(
-        lambda: init_pointer(config.problem, config.policy, jax.random.key(0))
-    )
+    expected = jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
     wanted = {k: v.shape for k, v in traverse_util.flatten_dict(expected, sep="/").items()}
     found = {k: np.shape(v) for k, v in traverse_util.flatten_dict(params, sep="/").items()}
     if wanted != found:

@@ -28,3 +28,13 @@ def actor_critic_losses(log_prob: Array, cost: Array, value: Array) -> Losses:
     cost = jax.lax.stop_gradient(cost)
     advantage = jax.lax.stop_gradient(cost - value)
     return Losses(actor=jnp.mean(advantage * log_prob), critic=jnp.mean((cost - value) ** 2))
+
+
+def leave_one_out(cost: Array) -> Array:
+    """Advantage of each sample over the others of its instance (Kool et al. 2019): [..., S].
+
+    cost_s - mean of the other samples' costs: unbiased, since the baseline does not depend on
+    sample s. S is at least 2.
+    """
+    samples = cost.shape[-1]
+    return (cost - cost.mean(-1, keepdims=True)) * (samples / (samples - 1))

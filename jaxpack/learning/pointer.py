@@ -189,5 +189,5 @@ def _decode(
     return Rollout(
         order=order.astype(jnp.int32),
         log_prob=log_probs.sum(),
-        entropy=jax.lax.stop_gradient(entropies).sum() / instance.mask.sum(),
+        entropy=entropies.sum() / instance.mask.sum(),
     )

@@ -27,6 +27,10 @@ class Distribution:
         if self.high < self.low:
             raise UserError(f"sides {self.low}-{self.high}: give the smaller side first")
 
+    def kinds(self, problem: Problem) -> int:
+        """K: the most distinct sizes that an instance can have."""
+        return int(min(self.items, (self.high - self.low + 1) ** len(problem.axes)))
+
     def check_fits(self, bin: tuple[int, int, int]) -> None:
         """Raises UserError where an item of this distribution may be larger than the bin."""
         room = min(side for side in bin if side > 1) if max(bin) > 1 else 1

@@ -45,12 +45,14 @@ def paper_cost(
     return 5 * loose
 
 
-def bins_first_cost(instance: Instance, packing: Packing) -> Array:
-    """Bins, then C, then P: bins + 0.5 (1 - mean C) + 0.05 (1 - mean P), float32.
+def bins_first_cost(
+    instance: Instance, packing: Packing, alpha: float = 0.5, beta: float = 0.05
+) -> Array:
+    """Bins, then C, then P: bins + alpha (1 - mean C) + beta (1 - mean P), float32.
 
-    The weights keep the order strict: C and P together never outweigh one bin.
+    The default weights keep the order strict: C and P together never outweigh one bin.
     """
-    loose = 0.5 * (1 - compactness(instance, packing)) + 0.05 * (1 - pyramid(packing))
+    loose = alpha * (1 - compactness(instance, packing)) + beta * (1 - pyramid(packing))
     return bins_used(packing) + loose
 
 

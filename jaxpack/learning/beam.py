@@ -1,0 +1,105 @@
+"""Beam search over the bin-aware policy, monotone in its width.
+
+Slot 0 keeps what greedy does. Slot j takes the most probable continuation, so far, of slots 0
+to j that no earlier slot took. A narrower beam is therefore the beginning of a wider one, and
+more width is never worse (monotonic beam search, Lemons et al. 2022).
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.learning.bin_aware import candidates, order_of, reset, step
+from jaxpack.learning.bin_network import (
+    MASKED,
+    BinAwareConfig,
+    Params,
+    context_features,
+    row_features,
+    scores,
+)
+from jaxpack.learning.rollout import LANES, in_pieces
+from jaxpack.packing.problem import Instance, Problem
+
+
+def beam_orders(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
+    width: int,
+    kinds: int | None = None,
+) -> Array:
+    """All orders that the beams end with, slot 0 the greedy one: int32 [B, width, N].
+
+    Args:
+        instances: leaves [B, ...].
+        kinds: see `choose_orders`.
+    """
+
+    def orders(piece: Instance) -> Array:
+        return _beams(problem, config, params, piece, width, kinds)
+
+    return in_pieces(orders, instances, max(1, LANES // width))
+
+
+def _beams(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
+    width: int,
+    kinds: int | None,
+) -> Array:
+    batch, items = instances.mask.shape
+    lanes = batch * width
+    repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, width, 0), instances)
+    last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), repeated)
+    fixed, state = reset(problem, last, kinds)
+    K = state.remaining.shape[0]
+    # At first all slots but the first are empty: their one state must not be taken width times.
+    total = jnp.where(jnp.arange(width) == 0, 0.0, MASKED * items)
+    total = jnp.broadcast_to(total, (batch, width))
+
+    def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
+        state, total, chosen = carry
+        state, choices = candidates(problem, fixed, state)
+        rows = row_features(problem, config, fixed, state, choices)
+        context = context_features(problem, config, fixed, state)
+        log_probs = scores(config, params, rows, context, state.remaining, choices.fits)
+        done = ~choices.fits.any(0)
+        # A finished packing goes on as it is: one continuation, free.
+        log_probs = log_probs.at[0].set(jnp.where(done, 0.0, log_probs[0]))
+        after = total[:, :, None] + log_probs.T.reshape(batch, width, K)
+        parent, kind, total = _monotone(after)
+        source = (jnp.arange(batch)[:, None] * width + parent).reshape(-1)
+        state, choices, chosen, done = jax.tree.map(
+            lambda leaf: leaf[..., source], (state, choices, chosen, done)
+        )
+        kind = kind.reshape(-1)
+        state = step(problem, fixed, state, choices, kind)
+        chosen = chosen.at[index].set(jnp.where(done, items, kind))
+        return (state, total, chosen), None
+
+    start: Any = (state, total, jnp.full((items, lanes), items, jnp.int32))
+    (_, _, chosen), _ = jax.lax.scan(advance, start, jnp.arange(items))
+    return order_of(fixed, chosen).T.reshape(batch, width, items)
+
+
+def _monotone(after: Array) -> tuple[Array, Array, Array]:
+    """(parent, kind, total) of the new slots, [B, width] each, from [B, width, K] totals."""
+    batch, width, K = after.shape
+    flat = after.reshape(batch, -1)
+    parents = jnp.arange(width * K) // K
+    member = jnp.arange(batch)
+
+    def fill(open_: Array, slot: Array) -> tuple[Array, tuple[Array, Array]]:
+        allowed = jnp.where(open_ & (parents <= slot), flat, -jnp.inf)
+        best = jnp.argmax(allowed, 1)
+        return open_.at[member, best].set(False), (best, allowed[member, best])
+
+    _, (best, total) = jax.lax.scan(fill, jnp.ones(flat.shape, bool), jnp.arange(width))
+    # Empty slots stay empty, and finite: sums of the floor would lose their last digits.
+    return best.T // K, best.T % K, jnp.maximum(total.T, MASKED * 100)

@@ -1,0 +1,211 @@
+"""What the bin-aware policy sees of each candidate, and the network that scores it.
+
+Every kind of item that remains is a row: what it is, where the rule would put it in the current
+bin and what it would touch there. The context is the height map as a histogram of levels and
+what is left to pack. Rows pass through shared layers (they meet in two pooled means), so K, the
+bin and the sizes may be others than in training. Rows are
+[K, B, D], features last.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxpack.errors import UserError
+from jaxpack.learning.bin_aware import BinState, Candidates, Kinds
+from jaxpack.packing.problem import Problem
+
+Params = dict
+"""Dict of float32 arrays."""
+
+MASKED = -1e9  # a finite floor: -inf makes NaN gradients
+BUCKETS = 10  # of the histograms over heights
+
+
+@dataclass(frozen=True)
+class BinAwareConfig:
+    """Shape of the network, and which of its ingredients are there (for ablations)."""
+
+    hidden: int = 64  # D: width of both layers
+    placement: bool = True  # sees where the item would rest
+    surroundings: bool = True  # sees what lies under and beside it there
+    stock: bool = False  # sees what of the rest would fill the gaps beside and above exactly
+    pooling: bool = True  # rows see the means over what remains and what fits
+    attention: int = 0  # heads of attention among the rows between the layers
+
+    def __post_init__(self) -> None:
+        if not self.placement and (self.surroundings or self.stock):
+            raise UserError("surroundings and stock belong to a placement: leave it in")
+        if self.hidden < 1:
+            raise UserError(f"hidden {self.hidden}: give at least 1")
+        if self.attention < 0 or (self.attention and self.hidden % self.attention):
+            raise UserError(f"attention {self.attention}: give a number of heads dividing hidden")
+
+
+def row_features(
+    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
+) -> Array:
+    """What each row is: bfloat16 [K, B, D], lengths relative to the bin's sides."""
+    length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
+    bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
+    area = jnp.maximum(length * width, 1)
+    volume = length * width * height / (bin_x * bin_y * ceiling)
+    rows = [
+        length / bin_x, width / bin_y, height / ceiling, 8 * volume,
+        jnp.minimum(state.remaining, 8) / 4,
+    ]  # fmt: skip
+    if config.placement:
+        x, y, z = (place.astype(jnp.float32) for place in choices.corner)
+        top = z + height
+        inside = state.heights[: problem.bin[0], : problem.bin[1]]
+        map_top = _walls_as(inside, 0).max((0, 1))
+        tops = (choices.corner[2] + kinds.sides[2]).astype(jnp.int32)
+        cells_at = _histogram(inside, problem.bin[2] + 1)
+        level = jnp.take_along_axis(cells_at, jnp.clip(tops, 0, problem.bin[2]), 0)
+        rows += [
+            x / bin_x, y / bin_y, z / ceiling, top / ceiling, choices.supported / area,
+            (top - map_top) / ceiling, 1.0 * (top == ceiling), level / (bin_x * bin_y),
+        ]  # fmt: skip
+    if config.surroundings:
+        around = choices.around
+        sides = ((around.left, width), (around.right, width),
+                 (around.front, length), (around.back, length))  # fmt: skip
+        means = [total / jnp.maximum(cells, 1) for total, cells in sides]
+        rows += [(z - around.under / area) / ceiling]
+        rows += [(mean - z) / ceiling for mean in means]
+        rows += [jnp.abs(mean - top) / ceiling for mean in means]
+        rows += [around.gap_left / bin_x, around.gap_right / bin_x]
+        rows += [around.gap_front / bin_y, around.gap_back / bin_y]
+    if config.stock:
+        around, free = choices.around, kinds.bin[2] - tops
+        rows += [
+            _stock_at(problem.bin[0], kinds.sides[0], state.remaining, around.gap_right) / 4,
+            _stock_at(problem.bin[1], kinds.sides[1], state.remaining, around.gap_back) / 4,
+            _stock_at(problem.bin[2], kinds.sides[2], state.remaining, free) / 4,
+            1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0),
+        ]  # fmt: skip
+    # What does not remain or does not fit has no meaning, and a wall's height for z.
+    present = state.remaining > 0
+    rows = [jnp.where(present, jnp.clip(row, -2, 2), 0).astype(jnp.float32) for row in rows]
+    return jnp.stack(rows, -1)
+
+
+def context_features(
+    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
+) -> Array:
+    """What all rows share: bfloat16 [B, D]."""
+    length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
+    bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
+    capacity = bin_x * bin_y * ceiling
+    volume = state.remaining * length * width * height / capacity
+    left = volume.sum(0)
+    inside = state.heights[: problem.bin[0], : problem.bin[1]]
+    heights = _walls_as(inside, 0)
+    shares = [
+        state.used / capacity, left / 4, jnp.minimum(left, 1), left - jnp.floor(left),
+        heights.max((0, 1)) / ceiling, heights.sum((0, 1), dtype=jnp.int32) / capacity,
+        state.remaining.sum(0) / 40, state.used == 0,
+    ]  # fmt: skip
+    # A wall is above every bucket.
+    level = inside.astype(jnp.int32) * BUCKETS // kinds.bin[2]
+    levels = _histogram(level, BUCKETS) / (bin_x * bin_y)
+    sides = ((height, ceiling), (length, bin_x), (width, bin_y))
+    stock = []
+    for side, whole in sides if config.stock else sides[:1]:
+        bucket = jnp.ceil(side * BUCKETS / whole).astype(jnp.int32) - 1
+        stock.append(jnp.where(bucket == jnp.arange(BUCKETS)[:, None, None], volume, 0).sum(1))
+    return jnp.concatenate([jnp.stack(shares), levels, *stock]).T
+
+
+def init_network(config: BinAwareConfig, key: Array) -> Params:
+    """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero."""
+    shapes = _shapes(config)
+    keys = jax.random.split(key, len(shapes))
+    return {
+        name: jnp.zeros(shape)
+        if len(shape) == 1 or name == "score"
+        else jax.random.uniform(k, shape, minval=-1, maxval=1) * (3 / shape[0]) ** 0.5
+        for k, (name, shape) in zip(keys, shapes.items(), strict=True)
+    }
+
+
+def scores(
+    config: BinAwareConfig, params: Params, rows: Array, context: Array, remaining: Array,
+    fits: Array,
+) -> Array:  # fmt: skip
+    """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit.
+
+    Args:
+        rows: bfloat16 [K, B, D] from `row_features`.
+        context: bfloat16 [B, D] from `context_features`.
+        remaining: int32 [K, B].
+        fits: bool [K, B].
+    """
+    K, B, _ = rows.shape
+
+    def shared_by_rows(name: str, inputs: Array) -> Array:
+        """One plain matrix product: XLA's CPU code is slow on any other form."""
+        flat = inputs.reshape(K * B, -1) @ params[name]
+        return flat.reshape(K, B, -1)
+
+    rows, context = rows.astype(jnp.float32), context.astype(jnp.float32)
+    shift = context @ params["context"] + params["bias1"]
+    hidden = jax.nn.relu(shared_by_rows("rows", rows) + shift)
+    if config.pooling:
+        weights = (remaining.astype(jnp.float32), fits.astype(jnp.float32))
+        shares = [weight / jnp.maximum(weight.sum(0), 1) for weight in weights]
+        pooled = [jnp.einsum("kb,kbd->bd", share, hidden) for share in shares]
+        context = jnp.concatenate([context, *pooled], -1)
+    if config.attention:
+        hidden += _attend(config, params, hidden, remaining > 0)
+    shift = jax.nn.relu(context @ params["mix"] + params["bias2"]) @ params["shift"]
+    middle = jax.nn.relu(shared_by_rows("deep", hidden) + shift)
+    score = shared_by_rows("score", middle)[..., 0]
+    masked = jnp.where(fits, score, MASKED)
+    return jnp.where(fits, jax.nn.log_softmax(masked, axis=0), MASKED)
+
+
+def _attend(config: BinAwareConfig, params: Params, hidden: Array, present: Array) -> Array:
+    """Multi-head attention among the rows of one instance: [K, B, D] -> [K, B, D]."""
+    K, B, D = hidden.shape
+    heads = (K, B, config.attention, D // config.attention)
+    query, key, value = ((hidden @ params[n]).reshape(heads) for n in ("query", "key", "value"))
+    weight = jnp.einsum("kbhd,jbhd->bhkj", query, key) / heads[-1] ** 0.5
+    weight = jax.nn.softmax(jnp.where(present.T[:, None, None], weight, MASKED), axis=-1)
+    mixed = jnp.einsum("bhkj,jbhd->kbhd", weight, value).reshape(K, B, D)
+    return mixed @ params["out"]
+
+
+def _shapes(config: BinAwareConfig) -> dict[str, tuple[int, ...]]:
+    D = config.hidden
+    rows = 5 + 8 * config.placement + 13 * config.surroundings + 5 * config.stock
+    context = 8 + (4 if config.stock else 2) * BUCKETS
+    mixed = context + 2 * D * config.pooling
+    shapes: dict[str, tuple[int, ...]] = {
+        "rows": (rows, D), "context": (context, D), "bias1": (D,),
+        "mix": (mixed, D), "bias2": (D,), "shift": (D, D), "deep": (D, D), "score": (D, 1),
+    }  # fmt: skip
+    if config.attention:
+        shapes |= dict.fromkeys(("query", "key", "value", "out"), (D, D))
+    return shapes
+
+
+def _stock_at(most: int, sides: Array, remaining: Array, wanted: Array) -> Array:
+    """How many of the remaining items have exactly the wanted side, 4 at most: [K, B]."""
+    lengths = jnp.arange(most + 1, dtype=sides.dtype)[:, None, None]
+    stock = jnp.where(sides == lengths, remaining, 0).sum(1).at[0].set(0)
+    index = jnp.clip(wanted.astype(jnp.int32), 0, most)
+    return jnp.minimum(jnp.take_along_axis(stock, index, 0), 4)
+
+
+def _histogram(cells: Array, values: int) -> Array:
+    """How many cells [X, Y, B] have each of the values 0, 1, ...: int32 [values, B]."""
+    value = jnp.arange(values, dtype=cells.dtype).reshape(-1, 1, 1, 1)
+    return (cells == value).sum((1, 2), dtype=jnp.int32)
+
+
+def _walls_as(heights: Array, value: int) -> Array:
+    return jnp.where(heights == np.iinfo(heights.dtype).max, value, heights)

@@ -1,0 +1,51 @@
+"""The two policies behind one set of functions: a network config names which one is meant.
+
+All functions take a batch of instances, leaves [B, ...], and return orders int32 [B, N].
+"""
+
+import jax
+from jax import Array
+
+from jaxpack.learning.bin_network import BinAwareConfig, init_network
+from jaxpack.learning.pointer import PointerConfig, greedy_order, init_pointer, sample_order
+from jaxpack.learning.rollout import choose_orders
+from jaxpack.packing.problem import Instance, Problem
+
+Network = PointerConfig | BinAwareConfig
+Params = dict
+"""Nested dict of float32 arrays."""
+
+
+def init_policy(problem: Problem, network: Network, key: Array) -> Params:
+    """Fresh weights. `key` is a typed PRNG key, consumed."""
+    if isinstance(network, PointerConfig):
+        return init_pointer(problem, network, key)
+    return init_network(network, key)
+
+
+def greedy_orders(
+    problem: Problem,
+    network: Network,
+    params: Params,
+    instances: Instance,
+    kinds: int | None = None,
+) -> Array:
+    """The most probable choice at every step. `kinds`: see `choose_orders`."""
+    if isinstance(network, PointerConfig):
+        return jax.vmap(lambda one: greedy_order(problem, network, params, one))(instances)
+    return choose_orders(problem, network, params, instances, kinds=kinds)
+
+
+def sample_orders(
+    problem: Problem,
+    network: Network,
+    params: Params,
+    instances: Instance,
+    keys: Array,
+    kinds: int | None = None,
+) -> Array:
+    """Orders drawn from the policy with a typed PRNG key each: keys [B]."""
+    if isinstance(network, PointerConfig):
+        draw = jax.vmap(lambda one, key: sample_order(problem, network, params, one, key).order)
+        return draw(instances, keys)
+    return choose_orders(problem, network, params, instances, keys, kinds=kinds)

@@ -1,0 +1,94 @@
+"""A recipe: what is learned, from what, by which rule and for how long."""
+
+from dataclasses import dataclass
+
+from jax import Array
+
+from jaxpack.errors import UserError
+from jaxpack.learning.bin_network import BinAwareConfig
+from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.policies import Network
+from jaxpack.packing.instances import Distribution
+from jaxpack.packing.metrics import bins_first_cost, paper_cost
+from jaxpack.packing.problem import Instance, Packing, Problem
+
+OBJECTIVES = {"paper": paper_cost, "bins": bins_first_cost}
+CHOICES: dict[str, tuple[str, ...]] = {
+    "objective": tuple(OBJECTIVES),
+    "learner": ("critic", "leave-one-out", "self-label"),
+    "credit": ("order", "bin"),
+    "schedule": ("constant", "cosine"),
+}
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything but the seed. Hashable, static under jit. The defaults are the paper's."""
+
+    problem: Problem
+    distribution: Distribution
+    policy: Network = PointerConfig()
+    train_instances: int = 100_000
+    valid_instances: int = 10_000
+    batch: int = 50  # B, instances per update
+    epochs: int = 5
+    learning_rate: float = 5e-4  # Adam, at the start
+    schedule: str = "constant"  # of the rate: constant, or cosine down to zero
+    objective: str = "paper"  # the cost: R of Eq. (9), or bins + alpha (1 - C) + beta (1 - P)
+    alpha: float = 0.5  # weight of compactness
+    beta: float = 0.5  # weight of pyramid
+    learner: str = "critic"  # baseline of REINFORCE: the critic, the other samples; or imitation
+    credit: str = "order"  # a choice answers for the whole order, or for its own bin and later ones
+    samples: int = 1  # S, orders drawn per instance
+    entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
+    clip: float = 0.0  # largest norm of a gradient; 0: any
+
+    def __post_init__(self) -> None:
+        self.distribution.check_fits(self.problem.bin)
+        for name in ("train_instances", "valid_instances", "batch", "epochs", "samples"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} {getattr(self, name)}: give at least 1")
+        if self.batch > self.train_instances:
+            raise UserError(
+                f"batch {self.batch} is larger than train_instances {self.train_instances}"
+            )
+        if not self.learning_rate > 0:
+            raise UserError(f"learning_rate {self.learning_rate}: give a positive rate")
+        for name in ("entropy", "clip"):
+            if not getattr(self, name) >= 0:
+                raise UserError(f"{name} {getattr(self, name)}: give 0 or more")
+        for name, known in CHOICES.items():
+            if getattr(self, name) not in known:
+                raise UserError(f"{name} '{getattr(self, name)}': choose {' or '.join(known)}")
+        if self.learner != "critic" and self.samples < 2:
+            raise UserError(f"learner '{self.learner}' compares samples: give samples 2 or more")
+        if isinstance(self.policy, BinAwareConfig) and self.learner == "critic":
+            raise UserError("learner 'critic': the bin-aware policy has none, use leave-one-out")
+        if isinstance(self.policy, PointerConfig) and self.learner == "self-label":
+            raise UserError("learner 'self-label': only the bin-aware policy has it")
+        if self.credit == "bin" and (
+            isinstance(self.policy, PointerConfig)
+            or (self.objective, self.learner) != ("bins", "leave-one-out")
+        ):
+            raise UserError(
+                "credit 'bin': it goes with the bin-aware policy, objective bins, leave-one-out"
+            )
+
+    @property
+    def updates_per_epoch(self) -> int:
+        """Whole batches in the training set."""
+        return self.train_instances // self.batch
+
+    @property
+    def updates(self) -> int:
+        """Updates of a full run."""
+        return self.updates_per_epoch * self.epochs
+
+    @property
+    def kinds(self) -> int:
+        """K: no instance has more distinct sizes."""
+        return self.distribution.kinds(self.problem)
+
+    def cost(self, instance: Instance, packing: Packing) -> Array:
+        """What the training minimises, of one packing: float32 scalar."""
+        return OBJECTIVES[self.objective](instance, packing, self.alpha, self.beta)

@@ -1,0 +1,126 @@
+"""Packing a batch with the bin-aware policy: greedily, by sampling, and with a memory of it."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.learning.bin_aware import BinState, Kinds, candidates, compact, order_of, reset, step
+from jaxpack.learning.bin_network import (
+    BinAwareConfig,
+    Params,
+    context_features,
+    row_features,
+    scores,
+)
+from jaxpack.packing.problem import Instance, Problem
+
+T = TypeVar("T")
+
+# Instances side by side. What the network holds of 64 stays in a core's cache, and since every
+# batch is cut into pieces of this one shape, an instance's order does not depend on the batch.
+LANES = 64
+
+
+# Shares of the steps after which kinds of which nothing remains are dropped: a third less to
+# score. Every stretch compiles for itself, so few kinds (2D) do without.
+COMPACTED = (0.4, 0.7)
+FEW_KINDS = 32
+
+
+class Trace(NamedTuple):
+    """What the network saw at T steps of a batch, and what was chosen."""
+
+    rows: Array  # float32 [T, K, B, D]
+    context: Array  # float32 [T, B, D]
+    remaining: Array  # int32 [T, K, B]
+    fits: Array  # bool [T, K, B]
+    kind: Array  # int32 [T, B], the row chosen; of no meaning where nothing fits
+
+
+def choose_orders(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
+    keys: Array | None = None,
+    kinds: int | None = None,
+) -> Array:
+    """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
+
+    Args:
+        instances: leaves [B, ...].
+        kinds: K, at least the number of distinct sizes in an instance; N if not given. Fewer
+            are faster.
+
+    Returns:
+        int32 [B, N].
+    """
+
+    def orders(piece: tuple[Instance, Array | None]) -> Array:
+        return trace_choices(problem, config, params, *piece, kinds)[0]
+
+    return in_pieces(orders, (instances, keys), LANES)
+
+
+def in_pieces(function: Callable[[T], Array], batch: T, size: int) -> Array:
+    """A batched function (leaves [B, ...] -> [B, ...]) in pieces of `size`, one after the other.
+
+    The last piece is filled up with its last member.
+    """
+    count = len(jax.tree.leaves(batch)[0])
+    rows = jnp.minimum(jnp.arange(-(-count // size) * size), count - 1).reshape(-1, size)
+    done = jax.lax.map(lambda piece: function(_rows(batch, piece)), rows)
+    return done.reshape(-1, *done.shape[2:])[:count]
+
+
+def _rows(batch: T, rows: Array) -> T:
+    return jax.tree.map(lambda leaf: leaf[rows], batch)
+
+
+def trace_choices(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
+    keys: Array | None,
+    kinds: int | None,
+) -> tuple[Array, list[Trace]]:
+    """(orders int32 [B, N], what was seen and chosen, a trace per stretch of equal K).
+
+    XLA stores no trace that the caller does not use.
+    """
+    last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
+    fixed, state = reset(problem, last, kinds)
+    items = instances.mask.shape[1]
+
+    noise = jnp.zeros((items, *state.remaining.shape))
+    if keys is not None:
+        draw = jax.vmap(lambda key: jax.random.gumbel(key, noise.shape[:2]), out_axes=-1)
+        noise = draw(keys)
+
+    def choose(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Array, Trace]]:
+        state, choices = candidates(problem, fixed, state)
+        rows = row_features(problem, config, fixed, state, choices)
+        context = context_features(problem, config, fixed, state)
+        preference = scores(config, params, rows, context, state.remaining, choices.fits)
+        kind = jnp.argmax(preference + noise, 0).astype(jnp.int32)
+        label = jnp.take_along_axis(fixed.label, kind[None], 0)[0]
+        label = jnp.where(choices.fits.any(0), label, items)
+        after = step(problem, fixed, state, choices, kind)
+        return after, (label, Trace(rows, context, state.remaining, choices.fits, kind))
+
+    labels: list[Array] = []
+    trace: list[Trace] = []
+    cuts = COMPACTED if state.remaining.shape[0] > FEW_KINDS else ()
+    for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
+        fixed, state = compact(fixed, state, items - start)
+        rows = state.remaining.shape[0]
+        state, (label, seen) = jax.lax.scan(partial(choose, fixed), state, noise[start:end, :rows])
+        labels.append(label)
+        trace.append(seen)
+    return order_of(fixed, jnp.concatenate(labels)).T, trace

@@ -1,0 +1,137 @@
+"""Where would every footprint come to rest? One pass over the distinct footprints.
+
+The height of an item only decides whether it stays under the bin's ceiling: where it comes to rest
+depends on its footprint alone. A table over the footprints up to `Problem.window` therefore
+holds the candidate placements of all items, and neighbours in it share their work: the highest
+cell under a footprint one cell longer needs one more comparison, not a new pass.
+
+Footprint (l, w) has row (l - 1) * window width + w - 1; F is the number of footprints.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxpack.packing.height_map import lowest
+from jaxpack.packing.problem import Problem
+
+
+class Rests(NamedTuple):
+    """The placement that the rule gives each footprint in one bin, any height allowed."""
+
+    x: Array  # cell_dtype [F, *batch], cells
+    y: Array  # cell_dtype [F, *batch]
+    z: Array  # cell_dtype [F, *batch], the wall's height where there is no supported position
+    supported: Array  # cell_dtype [F, *batch], cells of the footprint at height z
+
+
+class Surroundings(NamedTuple):
+    """What lies under and beside a footprint at rest, integers [F, *batch], cells."""
+
+    under: Array  # sum of the height map under the footprint
+    left: Array  # sum of the height map along each side, a wall counts as the bin's height
+    right: Array
+    front: Array
+    back: Array
+    gap_left: Array  # cells along the first row or column until something higher than z
+    gap_right: Array
+    gap_front: Array
+    gap_back: Array
+
+
+def footprints(problem: Problem) -> np.ndarray:
+    """(length, width) of every row of the table: int [F, 2]."""
+    window_x, window_y = problem.window
+    grid = np.meshgrid(np.arange(1, window_x + 1), np.arange(1, window_y + 1), indexing="ij")
+    return np.stack(grid, -1).reshape(-1, 2)
+
+
+def rests(problem: Problem, heights: Array) -> Rests:
+    """The rule's placement of every footprint.
+
+    Args:
+        heights: cell_dtype [L + window - 1, W + window - 1, *batch], height maps with walls.
+    """
+    (L, W, _), (window_x, window_y) = problem.bin, problem.window
+    found = []
+    z_x, count_x = heights[:L], jnp.ones_like(heights[:L])
+    for length in range(1, window_x + 1):
+        if length > 1:
+            beside = heights[length - 1 : length - 1 + L]
+            z_x, count_x = _higher(z_x, count_x, beside, jnp.ones_like(beside))
+        z, count = z_x[:, :W], count_x[:, :W]
+        for width in range(1, window_y + 1):
+            if width > 1:
+                rows = slice(width - 1, width - 1 + W)
+                z, count = _higher(z, count, z_x[:, rows], count_x[:, rows])
+            found.append((z, count))
+    z, count = (jnp.stack(column, 2) for column in zip(*found, strict=True))  # [L, W, F, *batch]
+    area = jnp.asarray(footprints(problem).prod(-1), jnp.int32)
+    needed = problem.cells_needed(area).astype(heights.dtype).reshape(-1, *(1,) * (z.ndim - 3))
+    z = jnp.where(count >= needed, z, np.iinfo(z.dtype).max)
+    (x, y, z_best), _ = lowest(problem, z)
+    place_x = jnp.arange(L, dtype=z.dtype).reshape(-1, 1, *(1,) * (z.ndim - 2))
+    place_y = jnp.arange(W, dtype=z.dtype).reshape(1, -1, *(1,) * (z.ndim - 2))
+    here = (place_x == x) & (place_y == y)
+    return Rests(x, y, z_best, jnp.where(here, count, 0).max((0, 1)))
+
+
+def surroundings(problem: Problem, heights: Array, bins: Array, at: Rests) -> Surroundings:
+    """What lies under and beside every footprint where it rests.
+
+    Args:
+        heights: cell_dtype [L + window - 1, W + window - 1, *batch].
+        bins: int32 [3, *batch], cells.
+        at: the placements, from `rests`.
+    """
+    (L, W, H), batch = problem.bin, heights.shape[2:]
+    largest = H * problem.window[0] * problem.window[1]
+    dtype = jnp.int16 if largest <= np.iinfo(np.int16).max else jnp.int32
+    sides = jnp.asarray(footprints(problem), dtype).reshape(-1, 2, *(1,) * len(batch))
+    length, width = sides[:, 0], sides[:, 1]
+    bin_x, bin_y, ceiling = bins.astype(dtype)
+    inside = heights[:L, :W]
+    walled = jnp.where(inside == np.iinfo(heights.dtype).max, ceiling, inside.astype(dtype))
+    X = jnp.arange(L, dtype=dtype).reshape(1, -1, *(1,) * len(batch))
+    Y = jnp.arange(W, dtype=dtype).reshape(1, -1, *(1,) * len(batch))
+    x, y, z = (side.astype(dtype) for side in at[:3])
+    end_x, end_y = x + length, y + width
+    # Four passes over the map: its sums across the footprint, seen from the side and from the
+    # front, and the row and the column through the corner. All else is read off these profiles.
+    in_x, in_y = (x[:, None] <= X) & (end_x[:, None] > X), (y[:, None] <= Y) & (end_y[:, None] > Y)
+    across = jnp.where(in_y[:, None], walled, 0).sum(2, dtype=dtype)  # [F, L, *batch]
+    along = jnp.where(in_x[:, :, None], walled, 0).sum(1, dtype=dtype)  # [F, W, *batch]
+    row = jnp.where((y[:, None] == Y)[:, None], walled, 0).sum(2, dtype=dtype)
+    column = jnp.where((x[:, None] == X)[:, :, None], walled, 0).sum(1, dtype=dtype)
+
+    def at_cell(profile: Array, cells: Array, cell: Array) -> Array:
+        return jnp.where(cells == cell[:, None], profile, 0).sum(1, dtype=dtype)
+
+    def gaps(profile: Array, cells: Array, start: Array, end: Array, limit: Array) -> tuple:
+        higher = profile > z[:, None]
+        before = jnp.where(higher & (cells < start[:, None]), cells + 1, 0).max(1)
+        after = jnp.where(higher & (cells >= end[:, None]), cells, limit).min(1)
+        return start - before, after - end
+
+    gap_left, gap_right = gaps(row, X, x, end_x, bin_x)
+    gap_front, gap_back = gaps(column, Y, y, end_y, bin_y)
+    return Surroundings(
+        under=jnp.where(in_x, across, 0).sum(1, dtype=dtype),
+        left=jnp.where(x == 0, ceiling * width, at_cell(across, X, x - 1)),
+        right=jnp.where(end_x >= bin_x, ceiling * width, at_cell(across, X, end_x)),
+        front=jnp.where(y == 0, ceiling * length, at_cell(along, Y, y - 1)),
+        back=jnp.where(end_y >= bin_y, ceiling * length, at_cell(along, Y, end_y)),
+        gap_left=gap_left,
+        gap_right=gap_right,
+        gap_front=gap_front,
+        gap_back=gap_back,
+    )
+
+
+def _higher(z: Array, count: Array, other: Array, other_count: Array) -> tuple[Array, Array]:
+    """(maximum, cells that reach it) of two halves of a footprint."""
+    top = jnp.maximum(z, other)
+    reached = jnp.where(z == top, count, 0) + jnp.where(other == top, other_count, 0)
+    return top, reached

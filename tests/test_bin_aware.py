@@ -1,0 +1,334 @@
+"""The policy that sees the bin: what it saw is what `pack` packs, and its choices are fair."""
+
+from dataclasses import replace
+from functools import cache, partial
+from itertools import permutations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import packer, random_cases
+
+from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
+from jaxpack.learning.bin_aware import candidates, compact, order_of, reset, step
+from jaxpack.learning.bin_network import context_features, init_network, row_features, scores
+from jaxpack.learning.gradients import policy_gradient
+from jaxpack.learning.policies import greedy_orders, sample_orders
+from jaxpack.learning.presets import PAPER_2D, PAPER_3D
+from jaxpack.packing.candidates import footprints, rests, surroundings
+from jaxpack.packing.height_map import empty_map, lowest, rest
+from jaxpack.packing.instances import sample
+from jaxpack.packing.metrics import bins_first_cost
+from jaxpack.packing.problem import Instance
+
+PROBLEMS = {
+    "2d": replace(PAPER_2D, largest=None),
+    "3d": Problem(bin=(6, 5, 7), largest=(4, 5), inclusive=False),
+    "int16": Problem(bin=(12, 11, 9), largest=(5, 4), support=0.3),
+}
+NETWORK = BinAwareConfig(hidden=16)
+
+
+def batch_last(instances):
+    return jax.tree.map(lambda leaf: jnp.moveaxis(jnp.asarray(leaf), 0, -1), instances)
+
+
+@cache
+def random_play(problem, items, kinds):
+    """Plays uniformly among what fits: (kinds, all states, all candidates, chosen labels)."""
+
+    def play(key, instances):
+        fixed, state = reset(problem, batch_last(instances), kinds)
+
+        def turn(state, key):
+            state, choices = candidates(problem, fixed, state)
+            noise = jax.random.uniform(key, choices.fits.shape)
+            kind = jnp.argmax(jnp.where(choices.fits, noise, -1), 0).astype(jnp.int32)
+            label = jnp.where(choices.fits.any(0), kind, items)
+            corner = [jnp.take_along_axis(c, kind[None], 0)[0] for c in choices.corner]
+            seen = (state, choices, label, jnp.stack(corner), state.opened)
+            return step(problem, fixed, state, choices, kind), seen
+
+        _, seen = jax.lax.scan(turn, state, jax.random.split(key, items))
+        return fixed, *seen
+
+    return jax.jit(play)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_order_packs_to_what_the_policy_saw(name):
+    problem, items, count = PROBLEMS[name], 14, 2000
+    instances, _ = random_cases(problem, 7, count, items)
+    fixed, _, _, label, corner, opened = random_play(problem, items, None)(
+        jax.random.key(1), instances
+    )
+    orders = np.asarray(order_of(fixed, label)).T
+    assert (np.sort(orders, 1) == np.arange(items)).all()
+    packing = packer(problem)(instances, orders)
+    placed = items > np.asarray(label).T  # [count, steps]
+    member = np.arange(count)[:, None]
+    bins, positions = np.asarray(packing.bin), np.asarray(packing.position)
+    np.testing.assert_array_equal(
+        bins[member, orders], np.where(placed, np.asarray(opened).T - 1, -1)
+    )
+    np.testing.assert_array_equal(
+        positions[member, orders][placed],
+        np.moveaxis(np.asarray(corner), 1, -1).swapaxes(0, 1)[placed],
+    )
+    # All that fits an empty bin is placed, padding never.
+    fits_bin = (np.asarray(instances.size) <= np.asarray(instances.bin)[:, None]).all(-1)
+    if problem.largest:
+        fits_bin &= (np.asarray(instances.size)[..., :2] <= problem.largest).all(-1)
+    np.testing.assert_array_equal(bins >= 0, np.asarray(instances.mask) & fits_bin)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_candidate_table_equals_the_kernel_kind_by_kind(name):
+    problem, items, count = PROBLEMS[name], 10, 200
+    instances, _ = random_cases(problem, 8, count, items)
+    fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(2), instances)
+    sides = [jnp.broadcast_to(side, (items, items, count)) for side in fixed.sides]
+    needed = problem.cells_needed(sides[0].astype(jnp.int32) * sides[1]).astype(sides[0].dtype)
+    heights = jnp.moveaxis(states.heights, 0, 2)[:, :, :, None]  # [L', W', steps, 1, count]
+    ceiling = fixed.bin[2].astype(sides[0].dtype)
+    corner, fits = lowest(problem, rest(problem, heights, tuple(sides), needed, ceiling))
+    present = np.asarray(states.remaining > 0)
+    np.testing.assert_array_equal(choices.fits, np.asarray(fits) & present)
+    assert 0.2 < np.asarray(choices.fits)[present].mean() < 0.98
+    for ours, theirs in zip(choices.corner, corner, strict=True):
+        np.testing.assert_array_equal(
+            np.asarray(ours)[choices.fits], np.asarray(theirs)[choices.fits]
+        )
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
+    problem = PROBLEMS[name]
+    (L, W, _), count = problem.bin, 40
+    rng = np.random.default_rng(3)
+    bins = jnp.asarray(rng.integers(1, np.array(problem.bin) + 1, (count, 3)).T)
+    empty = np.asarray(empty_map(problem, bins))
+    wall = np.iinfo(empty.dtype).max
+    heights = np.where(empty == wall, wall, rng.integers(0, 4, empty.shape)).astype(empty.dtype)
+    heights = np.where(empty == wall, wall, np.minimum(heights, np.asarray(bins)[2]))
+    at = rests(problem, jnp.asarray(heights))
+    around = surroundings(problem, jnp.asarray(heights), bins, at)
+    checked = 0
+    for row, (length, width) in enumerate(footprints(problem)):
+        for b in range(count):
+            x, y, z = (int(side[row, b]) for side in at[:3])
+            if z == wall:
+                continue
+            checked += 1
+            bin_x, bin_y, top = (int(side) for side in bins[:, b])
+            full = np.full((L + 2, W + 2), top)  # one cell of wall around the bin
+            full[1 : bin_x + 1, 1 : bin_y + 1] = heights[:bin_x, :bin_y, b]
+            cells = full[x + 1 : x + length + 1, y + 1 : y + width + 1]
+            found = {name: int(values[row, b]) for name, values in around._asdict().items()}
+            assert found["under"] == cells.sum()
+            assert int(at.supported[row, b]) == (cells == z).sum()
+            assert found["left"] == full[x, y + 1 : y + width + 1].sum()
+            assert found["right"] == full[x + length + 1, y + 1 : y + width + 1].sum()
+            assert found["front"] == full[x + 1 : x + length + 1, y].sum()
+            assert found["back"] == full[x + 1 : x + length + 1, y + width + 1].sum()
+            line_x, line_y = heights[:bin_x, y, b], heights[x, :bin_y, b]
+
+            def run(line, z=z):
+                higher = np.flatnonzero(line > z)
+                return len(line) if len(higher) == 0 else int(higher[0])
+
+            assert found["gap_left"] == run(line_x[:x][::-1])
+            assert found["gap_right"] == run(line_x[x + length :])
+            assert found["gap_front"] == run(line_y[:y][::-1])
+            assert found["gap_back"] == run(line_y[y + width :])
+    assert checked > 100
+
+
+@pytest.mark.parametrize("attention", [0, 2])
+def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
+    problem, items = PROBLEMS["3d"], 10
+    config = replace(NETWORK, attention=attention, stock=attention > 0)
+    params = init_network(config, jax.random.key(0))
+    params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
+    instances, _ = random_cases(problem, 9, 50, items)
+    fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
+
+    def log_probs(state, choice):
+        rows = row_features(problem, config, fixed, state, choice)
+        context = context_features(problem, config, fixed, state)
+        return scores(config, params, rows, context, state.remaining, choice.fits)
+
+    found = np.asarray(jax.jit(jax.vmap(log_probs))(states, choices))  # [steps, K, B]
+    fits = np.asarray(choices.fits)
+    probability = np.where(fits, np.exp(found), 0).sum(1)
+    np.testing.assert_allclose(probability[fits.any(1)], 1, rtol=1e-5)
+    assert (found[~fits] < -1e8).all()
+    assert np.isfinite(found).all()
+    assert found[fits].std() > 0.1, "all the same: the test shows nothing"
+
+
+def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
+    problem, items = PROBLEMS["2d"], 12
+    params = init_network(NETWORK, jax.random.key(0))
+    instances, _ = random_cases(problem, 10, 70, items, oversize=0)
+    keys = jax.random.split(jax.random.key(4), 70)
+    instances = jax.tree.map(jnp.asarray, instances)
+    for kinds in (None, items):
+        orders = np.asarray(sample_orders(problem, NETWORK, params, instances, keys, kinds))
+        assert (np.sort(orders, 1) == np.arange(items)).all()
+        placed = np.take_along_axis(np.asarray(instances.mask), orders, 1)
+        assert (placed[:, :-1] >= placed[:, 1:]).all()
+
+
+def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
+    problem, items = PROBLEMS["2d"], 16
+    instances = sample(problem, Distribution(items, 1, 3), jax.random.key(5), 64)
+    fixed, state = reset(problem, batch_last(instances), 9)  # 3 x 3 sizes
+    assert (state.remaining.sum(0) == items).all()
+    for _ in range(8):
+        state, choices = candidates(problem, fixed, state)
+        state = step(problem, fixed, state, choices, jnp.argmax(choices.fits, 0).astype(jnp.int32))
+    smaller, kept = compact(fixed, state, 8)
+    assert kept.remaining.shape[0] == 8
+    sizes = jnp.stack(fixed.sides)
+    np.testing.assert_array_equal(
+        jnp.take_along_axis(sizes, smaller.label[None], 1)[:, kept.remaining > 0],
+        jnp.stack(smaller.sides)[:, kept.remaining > 0],
+    )
+    assert (kept.remaining.sum(0) == state.remaining.sum(0)).all()
+
+
+TINY = TrainConfig(
+    problem=Problem(bin=(4, 1, 4), largest=(4, 1)),
+    distribution=Distribution(items=3, low=1, high=4),
+    policy=BinAwareConfig(hidden=8),
+    train_instances=2048,
+    valid_instances=8,
+    batch=2048,
+    epochs=1,
+    objective="bins",
+    alpha=1.0,
+    learner="leave-one-out",
+    samples=4,
+)
+
+
+@pytest.mark.parametrize("credit", ["order", "bin"])
+def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
+    config = replace(TINY, credit=credit, beta=0.0)
+    problem, network = config.problem, config.policy
+    params = init_network(network, jax.random.key(1))
+    params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
+    one = Instance(
+        jnp.asarray([[3, 1, 2], [2, 1, 3], [1, 1, 2]]), jnp.ones(3, bool), jnp.asarray([4, 1, 4])
+    )
+
+    orders = jnp.asarray(list(permutations(range(3))))
+
+    def probability(params, order):
+        """Of a whole order, choice by choice: zero where a choice does not fit."""
+        fixed, state = reset(problem, jax.tree.map(lambda leaf: leaf[..., None], one))
+        total = jnp.float32(1)
+        for item in order:
+            state, choices = candidates(problem, fixed, state)
+            kind = jnp.argmax(fixed.items[:, 0] == item)  # three kinds, an item each
+            rows = row_features(problem, network, fixed, state, choices)
+            context = context_features(problem, network, fixed, state)
+            found = scores(network, params, rows, context, state.remaining, choices.fits)
+            total *= jnp.where(choices.fits[kind, 0], jnp.exp(found[kind, 0]), 0)
+            state = step(problem, fixed, state, choices, kind[None].astype(jnp.int32))
+        return total
+
+    repeated = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(orders)), one)
+    costs = jax.vmap(config.cost)(repeated, packer(problem)(repeated, orders))
+
+    @jax.jit
+    @partial(jax.grad, has_aux=True)
+    def expected_cost(params):
+        chances = jax.lax.map(partial(probability, params), orders)
+        return (chances * costs).sum(), chances
+
+    exact, chances = expected_cost(params)
+    assert chances.sum() == pytest.approx(1, abs=1e-5)
+    assert 2 <= (chances > 0).sum() < 6, "every order is possible, or only one"
+    assert len(set(np.asarray(costs)[np.asarray(chances) > 0].tolist())) > 1
+    many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (config.batch, *leaf.shape)), one)
+    sampled = jax.jit(partial(policy_gradient, config))
+    estimates = [sampled(params, many, jax.random.key(seed))[0] for seed in range(4)]
+    for name, truth in exact.items():
+        estimate = np.mean([np.asarray(e[name]) for e in estimates], 0)
+        scale = np.abs(np.asarray(truth)).max()
+        np.testing.assert_allclose(estimate, truth, atol=0.06 * scale + 2e-4, err_msg=name)
+
+
+@pytest.mark.parametrize("learner", ["leave-one-out", "self-label"])
+def test_a_few_updates_lower_the_cost(learner):
+    from jaxpack.learning.trainer import init_state, train_chunk
+
+    config = replace(
+        TINY,
+        problem=Problem(bin=(6, 1, 6), largest=(4, 1)),
+        distribution=Distribution(items=12, low=1, high=4),
+        train_instances=64 * 30,
+        batch=64,
+        learning_rate=5e-3,
+        clip=1.0,
+        entropy=0.001,
+        schedule="cosine",
+        learner=learner,
+    )
+    state, first = train_chunk(config, init_state(config, jax.random.key(0)), 5)
+    state, _ = train_chunk(config, state, 20)
+    state, last = train_chunk(config, state, 5)
+    assert last.cost < 0.97 * first.cost
+    assert last.finite == 1
+
+
+def test_recipes_that_do_not_go_together_are_refused():
+    for change, message in (
+        ({"samples": 1}, "give samples 2 or more"),
+        ({"learner": "critic"}, "has none, use leave-one-out"),
+        ({"learner": "luck"}, "choose critic or leave-one-out or self-label"),
+        ({"schedule": "steps"}, "choose constant or cosine"),
+        ({"objective": "speed"}, "choose paper or bins"),
+        ({"entropy": -1.0}, "give 0 or more"),
+        ({"credit": "bin", "objective": "paper"}, "credit 'bin': it goes with"),
+    ):
+        with pytest.raises(UserError, match=message):
+            replace(TINY, **change)
+
+
+@cache
+def beams(width):
+    problem = PAPER_3D
+    params = init_network(NETWORK, jax.random.key(6))
+    params["score"] = jax.random.normal(jax.random.key(7), params["score"].shape)
+    instances = sample(problem, Distribution(20, 2, 5), jax.random.key(8), 12)
+    orders = jax.jit(partial(beam_orders, problem, NETWORK, width=width, kinds=20))(
+        params, instances
+    )
+    return problem, params, instances, np.asarray(orders)
+
+
+def test_a_beam_of_width_one_is_greedy():
+    problem, params, instances, orders = beams(1)
+    greedy = greedy_orders(problem, NETWORK, params, instances)
+    np.testing.assert_array_equal(orders[:, 0], greedy)
+
+
+def test_a_wider_beam_begins_with_the_narrower_and_is_never_worse():
+    _, _, _, wide = beams(4)
+    problem, _, instances, widest = beams(6)
+    np.testing.assert_array_equal(widest[:, :4], wide)
+    assert (np.sort(widest, -1) == np.arange(20)).all()
+    costs = np.stack(
+        [
+            jax.vmap(bins_first_cost)(instances, packer(problem)(instances, widest[:, slot]))
+            for slot in range(6)
+        ]
+    )
+    best = np.minimum.accumulate(costs, 0)
+    assert (best[1:] <= best[:-1]).all()
+    assert (best[-1] < best[0]).any()
+    assert len({tuple(order) for order in widest[0].tolist()}) > 1
