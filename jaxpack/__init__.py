@@ -6,6 +6,17 @@ Everything is an order, one judge turns orders into packings: `pack(problem, ins
 from jaxpack.comparison import Cell, Comparison, Row, compare
 from jaxpack.errors import UserError
 from jaxpack.files.weights import Policy, load_policy, save_policy
+from jaxpack.learning.beam import beam_orders
+from jaxpack.learning.bin_aware import (
+    BinState,
+    Candidates,
+    Kinds,
+    candidates,
+    order_of,
+    reset,
+    step,
+)
+from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.pointer import (
     PointerConfig,
     Rollout,
@@ -15,15 +26,16 @@ from jaxpack.learning.pointer import (
     sample_order,
     score_order,
 )
+from jaxpack.learning.policies import greedy_orders, init_policy, sample_orders
 from jaxpack.learning.presets import PRESETS, preset
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import (
-    TrainConfig,
     TrainState,
     init_state,
     make_train,
     train_step,
 )
-from jaxpack.methods import MethodOptions, make_method
+from jaxpack.methods import Method, MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Distribution, sample, uniform_instance
 from jaxpack.packing.metrics import (
@@ -37,18 +49,25 @@ from jaxpack.packing.metrics import (
 )
 from jaxpack.packing.problem import Instance, Packing, Problem, make_instance
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
-from jaxpack.solvers.brkga import BrkgaConfig, brkga
+from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.brkga import BrkgaConfig, brkga, genetic
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
-from jaxpack.solvers.sampling import best_of
+from jaxpack.solvers.sampling import best_of, sampling
+from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
 
 __all__ = [
     "PRESETS",
+    "BinAwareConfig",
+    "BinState",
     "BrkgaConfig",
+    "Candidates",
     "Cell",
     "Comparison",
     "Distribution",
     "Instance",
     "InvalidPackingError",
+    "Kinds",
+    "Method",
     "MethodOptions",
     "Packing",
     "PointerConfig",
@@ -56,36 +75,51 @@ __all__ = [
     "Problem",
     "Rollout",
     "Row",
+    "Search",
     "TrainConfig",
     "TrainState",
     "UserError",
     "apply_value",
+    "beam_orders",
     "best_of",
+    "bin_by_bin",
     "bins_first_cost",
     "bins_used",
     "brkga",
+    "candidates",
     "check_packings",
     "compactness",
     "compare",
+    "compile_search",
     "footprint_order",
+    "genetic",
     "greedy_order",
+    "greedy_orders",
     "height_order",
     "init_pointer",
+    "init_policy",
     "init_state",
     "load_policy",
     "lower_bound",
     "make_instance",
     "make_method",
     "make_train",
+    "order_of",
     "pack",
     "paper_cost",
     "preset",
     "pyramid",
     "random_order",
+    "reset",
+    "run_for",
+    "run_rounds",
     "sample",
     "sample_order",
+    "sample_orders",
+    "sampling",
     "save_policy",
     "score_order",
+    "step",
     "train_step",
     "uniform_instance",
     "utilisation",

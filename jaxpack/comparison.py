@@ -6,7 +6,7 @@ shape, so each method compiles once for the whole grid; seeds are pooled within 
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -20,7 +20,6 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.methods import Method
-from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Distribution, uniform_instance
 from jaxpack.packing.metrics import (
     bins_used,
@@ -31,6 +30,10 @@ from jaxpack.packing.metrics import (
 )
 from jaxpack.packing.problem import Instance, Packing, Problem
 from jaxpack.packing.validate import check_packings
+from jaxpack.solvers.search import compile_search, pack_orders, run_for
+
+Solver = Callable[[Array, Instance], tuple[Array, Packing]]
+"""(keys [B], instances) -> (orders [B, N], packings), compiled for one B."""
 
 INSTANCE_STREAM, METHOD_STREAM = 5, 6  # folded into key(seed); training uses 0 to 4
 
@@ -109,6 +112,12 @@ class Comparison:
             if getattr(self, name) < 1:
                 raise UserError(f"{name} {getattr(self, name)}: give at least 1")
 
+    @property
+    def threads(self) -> int:
+        """Batches solved at the same time."""
+        batches = -(-self.instances * self.seeds // self.batch)
+        return min(len(os.sched_getaffinity(0)), batches)
+
 
 def make_instances(comparison: Comparison, cell: Cell, slots: int) -> tuple[Instance, Array]:
     """(instances, keys) of a cell, seeds one after the other: leaves [seeds * instances, ...]."""
@@ -153,13 +162,8 @@ def compare(
     return rows
 
 
-def _compile(comparison: Comparison, method: Method, slots: int) -> Any:
-    """The method and the judge as one compiled program over a batch."""
-
-    def solve(key: Array, instance: Instance) -> tuple[Array, Packing]:
-        order = method(key, instance)
-        return order, pack(comparison.problem, instance, order)
-
+def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
+    """The method and the judge, compiled for a batch."""
     example = make_instances(
         replace(comparison, instances=1, seeds=1),
         Cell(comparison.problem.bin, Distribution(slots, 1, 1)),
@@ -168,11 +172,29 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Any:
     instances, keys = jax.tree.map(
         lambda leaf: jax.ShapeDtypeStruct((comparison.batch, *leaf.shape[1:]), leaf.dtype), example
     )
-    return jax.jit(jax.vmap(solve)).lower(keys, instances).compile()
+    judge = partial(pack_orders, comparison.problem)
+    if method.search is None or method.seconds is None:
+
+        def solve(keys: Array, instances: Instance) -> tuple[Array, Packing]:
+            orders = method.orders(keys, instances)
+            return orders, judge(instances, orders)
+
+        return jax.jit(solve).lower(keys, instances).compile()
+    search = compile_search(method.search, keys, instances)
+    orders = jax.ShapeDtypeStruct((comparison.batch, slots), jnp.int32)
+    packed = jax.jit(judge).lower(instances, orders).compile()
+    # Batches share the cores: each may take longer than its share of the whole's time.
+    seconds = method.seconds * comparison.batch * comparison.threads
+
+    def run(keys: Array, instances: Instance) -> tuple[Array, Packing]:
+        found = run_for(search, keys, instances, seconds)
+        return found, packed(instances, found)
+
+    return run
 
 
 def _run(
-    comparison: Comparison, solver: Any, instances: Instance, keys: Array
+    comparison: Comparison, solver: Solver, instances: Instance, keys: Array
 ) -> tuple[float, np.ndarray, Packing]:
     """(seconds, orders, packings) of all instances, batch by batch, on all cores."""
     total = keys.shape[0]
@@ -181,7 +203,7 @@ def _run(
     picks = [np.minimum(np.arange(s, s + comparison.batch), total - 1) for s in starts]
     batches = [jax.tree.map(lambda leaf: leaf[p], (keys, instances)) for p in picks]  # noqa: B023
     jax.block_until_ready(batches)
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(comparison.threads) as pool:
         start = time.perf_counter()
         done = list(pool.map(lambda batch: jax.block_until_ready(solver(*batch)), batches))
         seconds = time.perf_counter() - start

@@ -13,10 +13,9 @@ from jaxpack.comparison import Cell, Comparison, Row, compare, grid_cells, grid_
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_policy
-from jaxpack.files.weights import Policy, load_policy
 from jaxpack.learning.presets import preset
-from jaxpack.learning.trainer import TrainConfig
-from jaxpack.methods import OBJECTIVES, MethodOptions, make_method
+from jaxpack.learning.recipe import OBJECTIVES, TrainConfig
+from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.solvers.brkga import BrkgaConfig
 from jaxpack.tables import print_table
 
@@ -25,10 +24,11 @@ from jaxpack.tables import print_table
 class EvaluateOptions:
     """Compare methods on fresh instances. Lists in --items, --bin, --sides span a grid."""
 
-    preset: Positional[str] = "paper-2d"
-    """paper-2d, paper-3d or quick-2d."""
-    methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer"
-    """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer."""
+    preset: Positional[str] = "bin-aware-2d"
+    """bin-aware-2d, bin-aware-3d, paper-2d or paper-3d: the instances and the rules."""
+    methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
+    """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
+    bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded."""
     instances: int = 1000
     """Instances per cell and seed."""
     seed: int = 0
@@ -44,13 +44,21 @@ class EvaluateOptions:
     batch: int = 100
     """Instances side by side; changes the time, not the figures."""
     run: Path | None = None
-    """The run folder whose policy `pointer` uses; the shipped one if not given."""
+    """The run folder whose policy is used; the shipped ones if not given."""
     json: Path | None = None
     """Write the rows to this file."""
     no_validate: FlagCreatePairsOff[bool] = False
     """Skip the independent check of every packing."""
     objective: str = "bins"
-    """What best-of-N and brkga minimise: bins (bins, then C, then P) or paper (R)."""
+    """What the methods that search minimise: bins (bins, then C, then P) or paper (R)."""
+    time_limit: float | None = None
+    """Seconds per instance for brkga, brkga-seeded, bin-aware-search, not their counts."""
+    search_width: int = MethodOptions.width
+    """Partial packings that bin-aware-search keeps from bin to bin."""
+    search_draws: int = MethodOptions.draws
+    """Orders that bin-aware-search draws for each of them."""
+    search_rounds: int = MethodOptions.rounds
+    """Bins that bin-aware-search fills without a time limit."""
     brkga_population: int = BrkgaConfig.population
     """Individuals per generation."""
     brkga_generations: int = BrkgaConfig.generations
@@ -68,20 +76,6 @@ def make_cells(options: EvaluateOptions, recipe: TrainConfig) -> list[Cell]:
     return grid_cells(recipe.problem, items, bins, sides)
 
 
-def pointer_policy(run: Path | None, recipe: TrainConfig) -> Policy | None:
-    """The policy of a run folder, or the shipped one for the preset's dimension.
-
-    Raises:
-        UserError: where the policy is for another dimension than the preset.
-    """
-    axes = len(recipe.problem.axes)
-    policy = read_policy(run) if run else load_policy(f"pointer-{axes}d")
-    theirs = len(policy.config.problem.axes)
-    if theirs != axes:
-        raise UserError(f"{run}: its policy is for {theirs}D, the preset is {axes}D; name another")
-    return policy
-
-
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
@@ -97,11 +91,23 @@ def main(argv: Sequence[str]) -> None:
         problem, options.instances, options.seed, options.seeds, options.batch,
         validate=not options.no_validate,
     )  # fmt: skip
+    for option in ("time_limit", "search_width", "search_draws", "search_rounds"):
+        if getattr(options, option) is not None and not getattr(options, option) > 0:
+            raise UserError(
+                f"--{option.replace('_', '-')} {getattr(options, option)}: give more than 0"
+            )
+    if options.time_limit and not set(names) & set(SEARCHES):
+        raise UserError(f"--time-limit: none of the methods takes one, only {', '.join(SEARCHES)}")
     settings = MethodOptions(
         objective=options.objective,
         brkga=BrkgaConfig(options.brkga_population, options.brkga_generations),
         brkga_seeded=not options.brkga_unseeded,
-        policy=pointer_policy(options.run, recipe) if "pointer" in names else None,
+        policy=read_policy(options.run) if options.run else None,
+        kinds=max(cell.distribution.kinds(problem) for cell in cells),
+        width=options.search_width,
+        draws=options.search_draws,
+        rounds=options.search_rounds,
+        time_limit=options.time_limit,
     )
     methods = {name: make_method(name, problem, settings) for name in names}
     if options.json and not options.json.absolute().parent.is_dir():

@@ -42,7 +42,7 @@ def trained(run_door):
 
 def test_training_ends_with_table_picture_and_path(trained, run_door):
     run = run_door.home / "r"
-    for name in ("random", "volume", "height", "pointer"):
+    for name in ("random", "volume", "height", "bin-aware", "bin-aware-best-of-16"):
         assert f"\n{name} " in trained.stdout
     assert "picture: r/packing.png" in trained.stdout
     assert trained.stdout.rstrip().endswith("run: r")
@@ -54,8 +54,8 @@ def test_training_ends_with_table_picture_and_path(trained, run_door):
     assert wanted <= chunks[0].keys()
     assert [line["update"] for line in lines if "validation" in line] == [20]
     rows = json.loads((run / "table.json").read_text())
-    assert {row["method"] for row in rows} >= {"random", "height", "pointer"}
-    assert "pointer" in (run / "table.txt").read_text()
+    assert {row["method"] for row in rows} >= {"random", "height", "bin-aware"}
+    assert "bin-aware" in (run / "table.txt").read_text()
     config = json.loads((run / "config.json").read_text())
     assert (config["seed"], config["train"]["batch"]) == (0, 8)
 
@@ -63,13 +63,15 @@ def test_training_ends_with_table_picture_and_path(trained, run_door):
 def test_resuming_a_finished_run_prints_its_table_again(trained, run_door):
     again = run_door("train", "--resume", "r")
     assert again.returncode == 0, again.stderr
-    assert "pointer" in again.stdout
+    assert "bin-aware" in again.stdout
 
 
 def test_evaluate_prints_a_table_and_writes_json(run_door):
-    methods = "random,volume,height,footprint,best-of-20,brkga,pointer"
+    methods = "random,volume,height,footprint,best-of-20,brkga,pointer,bin-aware,brkga-seeded"
+    methods += ",bin-aware-best-of-4,bin-aware-beam-2,bin-aware-search"
     options = ["--methods", methods, "--instances", "30", "--batch", "10", "--json", "rows.json"]
     budget = ["--brkga-population", "10", "--brkga-generations", "3"]
+    budget += ["--search-width", "2", "--search-draws", "2"]
     done = run_door("evaluate", "paper-2d", *options, *budget)
     assert done.returncode == 0, done.stderr
     rows = json.loads((run_door.home / "rows.json").read_text())
@@ -98,13 +100,21 @@ def test_a_grid_has_a_row_per_cell_with_standard_errors(run_door):
 
 
 def test_a_runs_policy_can_be_evaluated(trained, run_door):
-    done = run_door("evaluate", "--methods", "pointer", "--instances", "10", "--run", "r")
+    done = run_door("evaluate", "--methods", "bin-aware", "--instances", "10", "--run", "r")
     assert done.returncode == 0, done.stderr
-    assert "\npointer " in done.stdout
+    assert "\nbin-aware " in done.stdout
+
+
+def test_a_time_limit_is_kept(run_door):
+    options = ["--methods", "brkga", "--instances", "20", "--batch", "20", "--json", "limit.json"]
+    done = run_door("evaluate", "paper-2d", *options, "--time-limit", "0.05")
+    assert done.returncode == 0, done.stderr
+    (row,) = json.loads((run_door.home / "limit.json").read_text())
+    assert 25 < row["ms_per_instance"] < 75
 
 
 BAD = [
-    ("train paper-4d", "unknown preset 'paper-4d': choose one of paper-2d"),
+    ("train paper-4d", "unknown preset 'paper-4d': choose one of bin-aware-2d"),
     ("evaluate paper-5d", "unknown preset 'paper-5d'"),
     ("evaluate --methods magic", "unknown method 'magic': choose from random"),
     ("evaluate --methods best-of-0", "unknown method 'best-of-0'"),
@@ -125,7 +135,20 @@ BAD = [
     ("evaluate --run nowhere", "nowhere: no such run folder"),
     ("evaluate --run foreign", "foreign: not a run folder"),
     ("evaluate --run damaged", "config.json: damaged, not JSON"),
-    ("evaluate paper-3d --methods pointer --run r", "its policy is for 2D, the preset is 3D"),
+    (
+        "evaluate paper-3d --methods bin-aware --run r",
+        "the policy given is for 2D, the problem is 3D",
+    ),
+    ("evaluate --methods pointer --run r", "the policy given is of kind bin-aware"),
+    ("evaluate --methods bin-aware-best-of-0", "unknown method 'bin-aware-best-of-0'"),
+    ("evaluate --methods bin-aware-beam-x", "unknown method 'bin-aware-beam-x'"),
+    ("evaluate --methods brkga --time-limit 0", "--time-limit 0.0: give more than 0"),
+    ("evaluate --methods height --time-limit 1", "--time-limit: none of the methods takes one"),
+    ("evaluate --methods bin-aware-search --search-width 0", "--search-width 0: give more than 0"),
+    ("train --samples 1", "learner 'leave-one-out' compares samples: give samples 2 or more"),
+    ("train --learner luck", "learner 'luck': choose critic or leave-one-out or self-label"),
+    ("train --entropy=-1", "entropy -1.0: give 0 or more"),
+    ("train paper-2d --learner self-label --samples 4", "only the bin-aware policy has it"),
     ("evaluate --json nowhere/rows.json", "its folder does not exist"),
     ("train --resume nowhere", "nowhere: no such run folder"),
     ("train --resume foreign", "foreign: not a run folder"),

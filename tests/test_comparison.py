@@ -11,6 +11,7 @@ from jaxpack import (
     Comparison,
     Distribution,
     InvalidPackingError,
+    Method,
     MethodOptions,
     UserError,
     compare,
@@ -31,9 +32,13 @@ def figures(row):
     return [getattr(row, name) for name in FIGURES]
 
 
-@pytest.mark.parametrize("name", ["random", "best-of-30", "brkga", "pointer"])
+@pytest.mark.parametrize(
+    "name",
+    ["random", "best-of-30", "brkga", "pointer", "bin-aware", "bin-aware-best-of-2", "brkga-seeded",
+     "bin-aware-beam-3", "bin-aware-search"],
+)  # fmt: skip
 def test_the_batch_size_does_not_change_the_figures(name):
-    options = MethodOptions(brkga=BrkgaConfig(20, 5), policy=load_policy("pointer-2d"))
+    options = MethodOptions(brkga=BrkgaConfig(20, 5), kinds=25, width=2, draws=2, rounds=3)
     method = make_method(name, PAPER.problem, options)
     rows = [
         compare(Comparison(PAPER.problem, instances=60, batch=batch), name, method, [CELL])[0]
@@ -84,12 +89,11 @@ def test_seeds_are_pooled_and_errors_are_those_of_the_mean():
 
 
 def test_an_impossible_packing_never_becomes_a_row():
-    def cheat(key, instance):
-        return jnp.zeros(instance.mask.shape, jnp.int32)  # item 0, forty times
+    cheat = Method(lambda keys, instances: jnp.zeros(instances.mask.shape, jnp.int32))
 
     comparison = Comparison(PAPER.problem, instances=4, batch=4)
     with pytest.raises(InvalidPackingError, match="cheat packed against the rules: instance 0"):
-        compare(comparison, "cheat", cheat, [CELL])
+        compare(comparison, "cheat", cheat, [CELL])  # item 0, forty times
     assert compare(replace(comparison, validate=False), "cheat", cheat, [CELL])
 
 
@@ -100,8 +104,11 @@ def test_bad_comparisons_are_refused():
         grid_cells(PAPER.problem, [10], [12, 4], [(1, 5)])
     with pytest.raises(UserError, match="unknown method"):
         make_method("best-of-x", PAPER.problem, MethodOptions())
-    with pytest.raises(UserError, match="'pointer' has no policy"):
-        make_method("pointer", PAPER.problem, MethodOptions())
+    pointer = MethodOptions(policy=load_policy("pointer-2d"))
+    with pytest.raises(UserError, match="the policy given is of kind pointer"):
+        make_method("bin-aware", PAPER.problem, pointer)
+    with pytest.raises(UserError, match="the policy given is for 2D, the problem is 3D"):
+        make_method("pointer", preset("paper-3d").problem, pointer)
 
 
 def test_the_papers_row_stands_beside_ours_only_where_it_belongs(tmp_path):

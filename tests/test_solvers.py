@@ -147,12 +147,13 @@ def test_best_of_is_the_first_minimum_of_its_draws(objective, samples, chunk):
         keys = jax.vmap(jax.random.fold_in, (None, 0))(key, jnp.arange(20))
         return jax.vmap(random_order, (0, None))(keys, instance)
 
-    def search(key, instance):
-        return best_of(PROBLEM, key, instance, random_order, samples, objective, chunk)
+    def search(keys, instances):
+        draw = jax.vmap(random_order)
+        return best_of(PROBLEM, keys, instances, draw, samples, objective, chunk)
 
     orders = np.asarray(draws(KEYS, INSTANCES))
     costs = np.stack([cost_of(objective, orders[:, i]) for i in range(20)], axis=1)
-    found = np.asarray(jax.jit(jax.vmap(search))(KEYS, INSTANCES))
+    found = np.asarray(jax.jit(search)(KEYS, INSTANCES))
     first = costs[:, :samples].argmin(1)
     np.testing.assert_array_equal(found, orders[np.arange(COUNT), first])
     assert (costs[:, :13].min(1) > costs.min(1)).any()  # there is something to gain
@@ -161,12 +162,12 @@ def test_best_of_is_the_first_minimum_of_its_draws(objective, samples, chunk):
 CONFIG = BrkgaConfig(population=30, generations=20)
 
 
-def genetic(objective, key, instance, seeds=None):
-    return brkga(PROBLEM, key, instance, CONFIG, objective, seeds)
+def genetic_orders(objective, keys, instances, seeds):
+    return brkga(PROBLEM, keys, instances, CONFIG, objective, lambda keys, instances: seeds)
 
 
 SEARCH = {
-    objective: jax.jit(jax.vmap(partial(genetic, objective)))
+    objective: jax.jit(partial(genetic_orders, objective))
     for objective in (bins_first_cost, paper_cost)
 }
 SORTS = jax.jit(jax.vmap(lambda i: jnp.stack([height_order(i), volume_order(i)])))
@@ -194,10 +195,9 @@ def test_brkga_is_a_function_of_its_key_and_the_same_one_by_one():
     orders = np.asarray(search(KEYS, INSTANCES, seeds))
     np.testing.assert_array_equal(search(KEYS, INSTANCES, seeds), orders)
     assert (np.asarray(search(KEYS[::-1], INSTANCES, seeds)) != orders).any()
-    alone = jax.jit(partial(genetic, bins_first_cost))
     for i in (0, 5, COUNT - 1):
-        instance = jax.tree.map(lambda leaf, i=i: leaf[i], INSTANCES)
-        np.testing.assert_array_equal(alone(KEYS[i], instance, seeds[i]), orders[i])
+        one = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], INSTANCES)
+        np.testing.assert_array_equal(search(KEYS[i : i + 1], one, seeds[i : i + 1])[0], orders[i])
 
 
 def test_brkga_beats_random_orders_at_the_same_number_of_packings():
@@ -208,10 +208,11 @@ def test_brkga_beats_random_orders_at_the_same_number_of_packings():
     found = cost_of(paper_cost, SEARCH[paper_cost](KEYS, INSTANCES, seeds))
     packings = 30 + 20 * (30 - 6)
 
-    def sampled(key, instance):
-        return best_of(PROBLEM, key, instance, random_order, packings, paper_cost, chunk=255)
+    def sampled(keys, instances):
+        draw = jax.vmap(random_order)
+        return best_of(PROBLEM, keys, instances, draw, packings, paper_cost, chunk=255)
 
-    random = cost_of(paper_cost, jax.jit(jax.vmap(sampled))(KEYS, INSTANCES))
+    random = cost_of(paper_cost, jax.jit(sampled)(KEYS, INSTANCES))
     assert found.mean() < random.mean()
 
 

@@ -22,7 +22,7 @@ from jaxpack import (
 )
 from jaxpack.files.weights import shipped_policies
 
-RECIPE = preset("quick-2d")
+RECIPE = preset("paper-2d")
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_round_trip(saved):
 def test_damaged_and_foreign_files_are_refused_by_name(saved):
     path, _ = saved
     whole = path.read_bytes()
-    with pytest.raises(UserError, match="no policy 'pointer-9d': choose from pointer-2d"):
+    with pytest.raises(UserError, match="no policy 'pointer-9d': choose from bin-aware-2d"):
         load_policy("pointer-9d")
     for content in (b"", b"not a zip", whole[: len(whole) // 2], whole[:300] + b"x" + whole[301:]):
         path.write_bytes(content)

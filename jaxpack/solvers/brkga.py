@@ -5,7 +5,10 @@ kernel judges it. A generation keeps the elite, adds mutants and fills up with c
 each key from an elite parent with probability `bias`, from a non-elite one otherwise.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +19,7 @@ from jaxpack.packing.first_fit import pack
 from jaxpack.packing.metrics import bins_first_cost
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.heuristics import decode_keys
-from jaxpack.solvers.sampling import Objective
+from jaxpack.solvers.search import Objective, Search, run_rounds
 
 
 @dataclass(frozen=True)
@@ -48,65 +51,117 @@ class BrkgaConfig:
         return elite, mutants, self.population - elite - mutants
 
 
-def brkga(
+class Population(NamedTuple):
+    """The generation of one instance, best first."""
+
+    key: Array  # typed PRNG key[], for the generations to come
+    genes: Array  # uint32 [P, N]
+    cost: Array  # float32 [P]
+
+
+def genetic(
     problem: Problem,
-    key: Array,
-    instance: Instance,
     config: BrkgaConfig = BrkgaConfig(),
     objective: Objective = bins_first_cost,
-    seeds: Array | None = None,
-) -> Array:
-    """The best order that the algorithm finds for one instance; vmap it over instances.
+    seeds: Callable[[Array, Instance], Array] | None = None,
+) -> Search:
+    """The algorithm as a search: a round is a generation.
 
     Args:
-        key: typed PRNG key, consumed.
         objective: the cost to minimise, `bins_first_cost` or the paper's `paper_cost`.
-        seeds: int [K, N] orders to start from, such as the sorts; K at most the population.
-
-    Returns:
-        int32 [N], an order.
+        seeds: (keys [B], instances) -> int32 [B, K, N], orders to start from, such as the sorts; K
+            at most the population.
     """
-    items = instance.mask.shape[0]
+
+    def start(keys: Array, instances: Instance) -> Population:
+        pairs = jax.vmap(jax.random.split)(keys)
+        given = seeds(pairs[:, 0], instances) if seeds else None
+        return jax.vmap(partial(_first_generation, problem, config, objective))(
+            pairs[:, 1], instances, given
+        )
+
+    def best(state: tuple[Population, Array]) -> Array:
+        population, mask = state
+        return jax.vmap(decode_keys)(population.genes[:, 0], mask)
+
+    return Search(
+        start=lambda keys, instances: (start(keys, instances), instances.mask),
+        advance=lambda instances, state: (
+            jax.vmap(partial(_next_generation, problem, config, objective))(instances, state[0]),
+            state[1],
+        ),
+        best=best,
+    )
+
+
+def brkga(
+    problem: Problem,
+    keys: Array,
+    instances: Instance,
+    config: BrkgaConfig = BrkgaConfig(),
+    objective: Objective = bins_first_cost,
+    seeds: Callable[[Array, Instance], Array] | None = None,
+) -> Array:
+    """The best orders after all generations: int32 [B, N]. See `genetic`."""
+    search = genetic(problem, config, objective, seeds)
+    return run_rounds(search, keys, instances, config.generations)
+
+
+def _first_generation(
+    problem: Problem,
+    config: BrkgaConfig,
+    objective: Objective,
+    key: Array,
+    instance: Instance,
+    seeds: Array | None,
+) -> Population:
+    start_key, key = jax.random.split(key)
+    genes = _fresh(start_key, config.population, instance)
+    if seeds is not None:
+        genes = genes.at[: seeds.shape[0]].set(jax.vmap(keys_of)(seeds))
+    return _best_first(key, genes, _costs(problem, objective, instance, genes))
+
+
+def _next_generation(
+    problem: Problem,
+    config: BrkgaConfig,
+    objective: Objective,
+    instance: Instance,
+    population: Population,
+) -> Population:
     elite, mutants, children = config.shares
+    key, mutant_key, child_key = jax.random.split(population.key, 3)
 
-    def fresh(key: Array, count: int) -> Array:
-        return jax.random.bits(key, (count, items), jnp.uint32)
+    def child(key: Array) -> Array:
+        """Parameterised uniform crossover of one elite and one other parent."""
+        elite_key, other_key, coin_key = jax.random.split(key, 3)
+        mother = population.genes[jax.random.randint(elite_key, (), 0, elite)]
+        father = population.genes[jax.random.randint(other_key, (), elite, config.population)]
+        inherits = jax.random.bernoulli(coin_key, config.bias, mother.shape)
+        return jnp.where(inherits, mother, father)
 
+    born = jax.vmap(child)(jax.random.split(child_key, children))
+    new = jnp.concatenate([born, _fresh(mutant_key, mutants, instance)])
+    genes = jnp.concatenate([population.genes[:elite], new])
+    costs = _costs(problem, objective, instance, new)
+    return _best_first(key, genes, jnp.concatenate([population.cost[:elite], costs]))
+
+
+def _fresh(key: Array, count: int, instance: Instance) -> Array:
+    return jax.random.bits(key, (count, instance.mask.shape[0]), jnp.uint32)
+
+
+def _costs(problem: Problem, objective: Objective, instance: Instance, genes: Array) -> Array:
     def cost(keys: Array) -> Array:
         order = decode_keys(keys, instance.mask)
         return objective(instance, pack(problem, instance, order))
 
-    def best_first(population: tuple[Array, Array]) -> tuple[Array, Array]:
-        keys, costs = population
-        rank = jnp.argsort(costs)
-        return keys[rank], costs[rank]
+    return jax.vmap(cost)(genes)
 
-    def child(key: Array, keys: Array) -> Array:
-        """Parameterised uniform crossover of one elite and one other parent."""
-        elite_key, other_key, coin_key = jax.random.split(key, 3)
-        mother = keys[jax.random.randint(elite_key, (), 0, elite)]
-        father = keys[jax.random.randint(other_key, (), elite, config.population)]
-        inherits = jax.random.bernoulli(coin_key, config.bias, (items,))
-        return jnp.where(inherits, mother, father)
 
-    def generation(population: tuple[Array, Array], key: Array) -> tuple[tuple, None]:
-        keys, costs = population
-        mutant_key, child_key = jax.random.split(key)
-        born = jax.vmap(child, (0, None))(jax.random.split(child_key, children), keys)
-        new = jnp.concatenate([born, fresh(mutant_key, mutants)])
-        keys = jnp.concatenate([keys[:elite], new])
-        costs = jnp.concatenate([costs[:elite], jax.vmap(cost)(new)])
-        return best_first((keys, costs)), None
-
-    start_key, run_key = jax.random.split(key)
-    keys = fresh(start_key, config.population)
-    if seeds is not None:
-        keys = keys.at[: seeds.shape[0]].set(jax.vmap(keys_of)(seeds))
-    population = best_first((keys, jax.vmap(cost)(keys)))
-    (keys, _), _ = jax.lax.scan(
-        generation, population, jax.random.split(run_key, config.generations)
-    )
-    return decode_keys(keys[0], instance.mask)
+def _best_first(key: Array, genes: Array, costs: Array) -> Population:
+    rank = jnp.argsort(costs)
+    return Population(key, genes[rank], costs[rank])
 
 
 def keys_of(order: Array) -> Array:

@@ -1,53 +1,79 @@
 """Best of N orders, whatever draws them."""
 
-from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.packing.first_fit import pack
-from jaxpack.packing.problem import Instance, Packing, Problem
+from jaxpack.packing.problem import Instance, Problem
+from jaxpack.solvers.search import Draw, Objective, Search, better, pack_orders, run_rounds
 
-Objective = Callable[[Instance, Packing], Array]
-"""A cost to minimise: (instance, packing) -> float32 scalar. See `jaxpack.packing.metrics`."""
+
+class Sampled(NamedTuple):
+    """The best order so far."""
+
+    key: Array  # typed PRNG keys [B], never change
+    drawn: Array  # int32[], samples drawn per instance
+    cost: Array  # float32 [B]
+    order: Array  # int32 [B, N]
+
+
+def sampling(
+    problem: Problem, draw: Draw, objective: Objective, chunk: int, samples: int | None = None
+) -> Search:
+    """Draws `chunk` orders per instance and round and keeps the best.
+
+    Sample i is drawn from fold_in(key, i) and nothing else, so more samples are never worse and
+    `chunk` does not change the answer.
+
+    Args:
+        samples: after so many further ones do not count; None: they all do.
+    """
+
+    def start(keys: Array, instances: Instance) -> Sampled:
+        batch, items = instances.mask.shape
+        order = jnp.broadcast_to(jnp.arange(items, dtype=jnp.int32), (batch, items))
+        return Sampled(keys, jnp.int32(0), jnp.full(batch, jnp.inf), order)
+
+    def advance(instances: Instance, state: Sampled) -> Sampled:
+        batch, items = instances.mask.shape
+        index = state.drawn + jnp.arange(chunk)
+        keys = jax.vmap(lambda key: jax.vmap(jax.random.fold_in, (None, 0))(key, index))(state.key)
+        repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, chunk, 0), instances)
+        orders = draw(keys.reshape(-1), repeated)
+        packings = pack_orders(problem, repeated, orders)
+        costs = jax.vmap(objective)(repeated, packings).reshape(batch, chunk)
+        if samples is not None:
+            costs = jnp.where(index < samples, costs, jnp.inf)
+        best = jnp.argmin(costs, 1)
+        member = jnp.arange(batch)
+        order = orders.reshape(batch, chunk, items)[member, best]
+        found = better(costs[member, best], order, state.cost, state.order)
+        return Sampled(state.key, state.drawn + chunk, *found)
+
+    return Search(start, advance, lambda state: state.order)
 
 
 def best_of(
     problem: Problem,
-    key: Array,
-    instance: Instance,
-    draw: Callable[[Array, Instance], Array],
+    keys: Array,
+    instances: Instance,
+    draw: Draw,
     samples: int,
     objective: Objective,
     chunk: int = 50,
 ) -> Array:
-    """The best of `samples` orders of one instance; of equally good ones the first.
+    """The best of `samples` orders of every instance; of equally good ones the first.
 
     Args:
-        key: typed PRNG key; sample i is drawn from fold_in(key, i) and nothing else, so more
-            samples are never worse and `chunk` does not change the answer.
-        draw: (key, instance) -> int32 [N], such as `random_order` or a policy's sample.
-        chunk: samples packed side by side; bounds the memory.
+        keys: typed PRNG keys [B].
+        instances: leaves [B, ...].
+        draw: such as `jax.vmap(random_order)` or a policy's samples.
+        chunk: samples of an instance packed side by side; bounds the memory.
 
     Returns:
-        int32 [N], the best order.
+        int32 [B, N], the best orders.
     """
-
-    def trial(index: Array) -> tuple[Array, Array]:
-        order = draw(jax.random.fold_in(key, index), instance)
-        cost = objective(instance, pack(problem, instance, order))
-        return jnp.where(index < samples, cost, jnp.inf), order
-
-    def step(best: tuple[Array, Array], first: Array) -> tuple[tuple[Array, Array], None]:
-        costs, orders = jax.vmap(trial)(first + jnp.arange(chunk))
-        winner = jnp.argmin(costs)
-        better = costs[winner] < best[0]
-        return (
-            jnp.minimum(costs[winner], best[0]),
-            jnp.where(better, orders[winner], best[1]),
-        ), None
-
-    start = (jnp.float32(jnp.inf), jnp.arange(instance.mask.shape[0], dtype=jnp.int32))
-    (_, order), _ = jax.lax.scan(step, start, jnp.arange(0, samples, chunk))
-    return order
+    search = sampling(problem, draw, objective, min(chunk, samples), samples)
+    return run_rounds(search, keys, instances, -(-samples // min(chunk, samples)))

@@ -1,0 +1,113 @@
+"""Searches in rounds: budgets are kept, more is never worse, bins are filled one by one."""
+
+import time
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from cases import packer
+
+from jaxpack.learning.presets import PAPER_2D
+from jaxpack.packing.instances import Distribution, sample
+from jaxpack.packing.metrics import bins_first_cost
+from jaxpack.packing.problem import Instance
+from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.heuristics import height_order, random_order
+from jaxpack.solvers.sampling import sampling
+from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
+
+COUNT, ITEMS = 30, 30
+INSTANCES = sample(PAPER_2D, Distribution(ITEMS, 1, 5), jax.random.key(1), COUNT)
+INSTANCES = Instance(INSTANCES.size, INSTANCES.mask.at[::2, :8].set(False), INSTANCES.bin)
+KEYS = jax.random.split(jax.random.key(2), COUNT)
+DRAW = jax.vmap(random_order)
+HEIGHT = jax.vmap(height_order)
+SEARCHES = {
+    "bin by bin": bin_by_bin(
+        PAPER_2D, lambda keys, instances: HEIGHT(instances), DRAW, bins_first_cost, 3, 4
+    ),
+    "sampling": sampling(PAPER_2D, DRAW, bins_first_cost, 12),
+}
+
+
+def costs_of(orders):
+    orders = np.asarray(orders)
+    assert orders.dtype == np.int32
+    assert (np.sort(orders, 1) == np.arange(ITEMS)).all()
+    packings = packer(PAPER_2D)(INSTANCES, orders)
+    return np.asarray(jax.vmap(bins_first_cost)(INSTANCES, packings))
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_more_rounds_are_never_worse_and_pay(name):
+    search = SEARCHES[name]
+    costs = [
+        costs_of(jax.jit(partial(run_rounds, search, rounds=rounds))(KEYS, INSTANCES))
+        for rounds in (1, 4, 9)
+    ]
+    assert (costs[1] <= costs[0]).all()
+    assert (costs[2] <= costs[1]).all()
+    assert costs[2].mean() < costs[0].mean()
+
+
+def test_bin_by_bin_is_never_worse_than_what_it_starts_from_and_beats_whole_orders():
+    # 9 rounds of 3 * 4 draws, against 108 whole orders and against the sort it starts from.
+    rounds = {
+        name: costs_of(jax.jit(partial(run_rounds, search, rounds=9))(KEYS, INSTANCES))
+        for name, search in SEARCHES.items()
+    }
+    start = costs_of(HEIGHT(INSTANCES))
+    assert (rounds["bin by bin"] <= start).all()
+    assert rounds["bin by bin"].mean() < min(start.mean(), rounds["sampling"].mean())
+
+
+def test_filled_bins_stay_as_they_were():
+    search = SEARCHES["bin by bin"]
+    before = jax.jit(search.advance)(INSTANCES, search.start(KEYS, INSTANCES))
+    after = jax.jit(search.advance)(INSTANCES, before)
+    passed = np.asarray(after.filled) == 2
+    assert passed.sum() > 5
+    firsts = [
+        {tuple(np.flatnonzero(bins == 0)) for bins in np.asarray(beams)[passed][0]}
+        for beams in (before.bin, after.bin)
+    ]
+    assert firsts[1] <= firsts[0], "a beam's first bin was drawn again"
+
+
+def slow(seconds):
+    """A search that counts its rounds and takes so long for each."""
+
+    def advance(instances, state):
+        time.sleep(seconds)
+        return state + 1
+
+    return Search(lambda keys, instances: jnp.int32(0), advance, lambda state: state)
+
+
+def test_a_time_limit_is_kept_and_used():
+    began = time.perf_counter()
+    rounds = int(run_for(slow(0.05), KEYS, INSTANCES, 0.5))
+    assert time.perf_counter() - began < 0.6
+    assert 4 <= rounds <= 10
+    began = time.perf_counter()
+    # The first round is begun blind; after it every further one would end late.
+    assert int(run_for(slow(0.3), KEYS, INSTANCES, 0.4)) == 1
+    assert time.perf_counter() - began < 0.45
+
+
+def test_a_compiled_search_finds_the_same():
+    search = SEARCHES["sampling"]
+    compiled = compile_search(search, KEYS, INSTANCES)
+    np.testing.assert_array_equal(
+        run_rounds(search, KEYS, INSTANCES, 3),
+        compiled.best(
+            compiled.advance(
+                INSTANCES,
+                compiled.advance(
+                    INSTANCES, compiled.advance(INSTANCES, compiled.start(KEYS, INSTANCES))
+                ),
+            )
+        ),
+    )
