@@ -34,7 +34,7 @@ def seconds_to_first_update(preset: str, folder: Path, name: str) -> float:
 
 
 def main() -> None:
-    preset = sys.argv[1] if len(sys.argv) > 1 else "quick-2d"
+    preset = sys.argv[1] if len(sys.argv) > 1 else "bin-aware-2d"
     with tempfile.TemporaryDirectory() as folder:
         for name in ("cold", "warm", "warm again"):
             print(f"{preset}, {name}: {seconds_to_first_update(preset, Path(folder), name):.2f} s")

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import jax
 
-from jaxpack import Cell, Comparison, MethodOptions, load_policy, make_method, pack, preset
+from jaxpack import Cell, Comparison, MethodOptions, make_method, pack, preset
 from jaxpack.cli import use_compilation_cache
 from jaxpack.comparison import make_instances
 from jaxpack.files.pictures import draw_packings
 
-METHODS = ("random", "volume", "brkga", "pointer")
+METHODS = ("random", "height", "pointer", "bin-aware-search")
 RESULTS = Path(__file__).parent / "results"
 
 
@@ -21,16 +21,16 @@ def main() -> None:
     RESULTS.mkdir(exist_ok=True)
     for dimension in ("2d", "3d"):
         recipe = preset(f"paper-{dimension}")
-        options = MethodOptions(policy=load_policy(f"pointer-{dimension}"))
+        options = MethodOptions(kinds=recipe.kinds)
         # The first instance of the tables, whatever it shows.
         comparison = Comparison(recipe.problem, instances=1, seed=0)
         cell = Cell(recipe.problem.bin, recipe.distribution)
-        pairs = make_instances(comparison, cell, recipe.distribution.items)
-        instance, key = jax.tree.map(lambda leaf: leaf[0], pairs)
+        instances, keys = make_instances(comparison, cell, recipe.distribution.items)
+        instance = jax.tree.map(lambda leaf: leaf[0], instances)
         packings = []
         for name in METHODS:
-            order = jax.jit(make_method(name, recipe.problem, options))(key, instance)
-            packings.append((name, pack(recipe.problem, instance, order)))
+            orders = jax.jit(make_method(name, recipe.problem, options).orders)(keys, instances)
+            packings.append((name, pack(recipe.problem, instance, orders[0])))
         draw_packings(RESULTS / f"packings-{dimension}.png", instance, packings)
 
 

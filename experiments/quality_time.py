@@ -1,0 +1,100 @@
+"""What a method makes of 0.01, 0.1, 1 and 10 seconds per instance: one figure per dimension.
+
+python experiments/quality_time.py 2d|3d     (12 minutes each; a core each if they run side by side)
+
+Random orders, BRKGA from the sorts, BRKGA from the policy's orders and the policy's bin-by-bin
+search get the same wall time on the same instances, fewer where the budget is long. The sizes
+of populations and beams grow with the budget, so that every search has rounds to run.
+Writes results/quality-time-DIM.csv and .png.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import jax
+import matplotlib
+
+from jaxpack import Cell, Comparison, MethodOptions, bins_first_cost, compare, make_method, preset
+from jaxpack.cli import use_compilation_cache
+from jaxpack.files.atomic import replace_file
+from jaxpack.methods import Method
+from jaxpack.solvers.brkga import BrkgaConfig
+from jaxpack.solvers.heuristics import random_order
+from jaxpack.solvers.sampling import sampling
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+RESULTS = Path(__file__).parent / "results"
+# Seconds per instance: instances, (width, draws) of the search, population of BRKGA.
+BUDGETS = {
+    "2d": {0.01: (512, 2, 4, 20), 0.1: (256, 4, 8, 50), 1.0: (64, 8, 16, 100),
+           10.0: (8, 16, 32, 200)},
+    "3d": {0.01: (512, 1, 1, 20), 0.1: (256, 4, 4, 50), 1.0: (64, 8, 16, 100),
+           10.0: (8, 16, 32, 200)},
+}  # fmt: skip
+METHODS = ("random orders", "brkga", "brkga-seeded", "bin-aware-search")
+
+
+def row_of(dimension: str, name: str, seconds: float) -> dict:
+    count, width, draws, population = BUDGETS[dimension][seconds]
+    recipe = preset(f"bin-aware-{dimension}")
+    problem = recipe.problem
+    options = MethodOptions(
+        brkga=BrkgaConfig(population),
+        kinds=recipe.kinds,
+        width=width,
+        draws=draws,
+        time_limit=seconds,
+    )
+    if name == "random orders":
+        search = sampling(problem, jax.vmap(random_order), bins_first_cost, 2 * population)
+        method = Method(search.best, search, seconds)
+    else:
+        method = make_method(name, problem, options)
+    comparison = Comparison(problem, instances=count, batch=min(count, 64))
+    row = compare(comparison, name, method, [Cell(problem.bin, recipe.distribution)])[0]
+    names = ("compactness", "pyramid", "bins", "lower_bound", "instances")
+    spent = row.ms_per_instance / 1000
+    return {"method": name, "seconds": seconds, "spent": spent} | {
+        field: getattr(row, field) for field in names
+    }
+
+
+def draw(dimension: str, rows: list[dict]) -> None:
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    for name in METHODS:
+        ours = [row for row in rows if row["method"] == name]
+        times = [row["seconds"] for row in ours]
+        above = [row["bins"] - row["lower_bound"] for row in ours]
+        axes[0].plot(times, above, marker="o", label=name)
+        axes[1].plot(times, [row["compactness"] for row in ours], marker="o", label=name)
+    axes[0].set_ylabel("bins above the volume bound")
+    axes[1].set_ylabel("compactness C")
+    for axis in axes:
+        axis.set_xscale("log")
+        axis.set_xlabel("seconds per instance, one core")
+        axis.grid(alpha=0.3)
+    axes[0].legend()
+    figure.suptitle(f"{dimension.upper()}: quality against time")
+    figure.savefig(RESULTS / f"quality-time-{dimension}.png", dpi=120)
+
+
+def main() -> None:
+    use_compilation_cache()
+    (dimension,) = sys.argv[1:]
+    rows: list[dict] = []
+    for seconds in BUDGETS[dimension]:
+        for name in METHODS:
+            rows.append(row_of(dimension, name, seconds))
+            print({k: round(v, 4) if isinstance(v, float) else v for k, v in rows[-1].items()})
+            with replace_file(RESULTS / f"quality-time-{dimension}.csv") as file:
+                table = csv.DictWriter(file, rows[0])
+                table.writeheader()
+                table.writerows(rows)
+    draw(dimension, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Puts the policy of a finished run into the package, with where it comes from beside it.
+
+python experiments/ship.py RUN bin-aware-2d
+
+Writes jaxpack/weights/NAME.npz and .json, and the run's learning curve to results/train-NAME.csv.
+"""
+
+import csv
+import os
+import platform
+import sys
+from pathlib import Path
+
+import jax
+
+from jaxpack import preset
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import replace_file
+from jaxpack.files.runs import RunConfig, read_lines, read_policy, read_run
+from jaxpack.files.weights import save_policy
+
+ROOT = Path(__file__).parent.parent
+COLUMNS = ("kind", "update", "cost", "compactness", "pyramid", "bins", "entropy")
+
+
+def command_of(config: RunConfig) -> str:
+    """The command that made a run: the preset, the seed and what differs from the preset."""
+    recipe, base = config.train, preset(config.preset)
+    command = f"python -m jaxpack.train {config.preset} --seed {config.seed}"
+    for name in ("train_instances", "batch", "epochs", "learning_rate", "credit", "entropy",
+                 "samples"):  # fmt: skip
+        if getattr(recipe, name) != getattr(base, name):
+            command += f" --{name.replace('_', '-')} {getattr(recipe, name)}"
+    if recipe.policy.hidden != base.policy.hidden:
+        command += f" --hidden {recipe.policy.hidden}"
+    return command + f" --checkpoint-every {config.checkpoint_every}"
+
+
+def main() -> None:
+    run, name = Path(sys.argv[1]), sys.argv[2]
+    config, lines = read_run(run), read_lines(run)
+    chunks = [line for line in lines if "validation" not in line]
+    if not chunks or chunks[-1]["update"] != config.train.updates:
+        raise UserError(f"{run}: not at its end; go on with --resume {run}")
+    with replace_file(ROOT / "experiments" / "results" / f"train-{name}.csv") as file:
+        table = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        table.writeheader()
+        for line in lines:
+            validation = line.get("validation")
+            kind = {"kind": "validation" if validation else "train"}
+            table.writerow(kind | line | (validation or {}))
+    provenance = {
+        "command": command_of(config),
+        "seed": config.seed,
+        "machine": f"1 {jax.devices()[0].device_kind} device, one core of "
+        f"{os.cpu_count()}, {platform.machine()}",
+        "minutes": round(chunks[-1]["seconds"] / 60, 1),
+    }
+    save_policy(ROOT / "jaxpack" / "weights" / f"{name}.npz", read_policy(run), provenance)
+    print(provenance)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""The shipped policies on sizes they were not trained on: other item counts, sides and bins.
+
+python experiments/transfer.py 2d|3d [INSTANCES]     (5 and 20 minutes on one core)
+
+Writes results/transfer-DIM.csv: in every cell the policy, greedy, beside the best fixed order.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+from jaxpack import Cell, Comparison, Distribution, MethodOptions, compare, make_method, preset
+from jaxpack.cli import use_compilation_cache
+from jaxpack.files.atomic import replace_file
+
+RESULTS = Path(__file__).parent / "results"
+ITEMS = (20, 40, 80, 200)
+FIXED = ("volume", "footprint", "height")
+# (bin, sides): the sides vary in bins of 10, the bins with sides 1-5.
+PLACES = [(10, (1, 5)), (10, (2, 5)), (10, (1, 8)), (8, (1, 5)), (12, (1, 5)), (20, (1, 5))]
+
+
+def row_of(dimension: str, items: int, bin: int, sides: tuple[int, int], instances: int) -> dict:
+    problem = preset(f"bin-aware-{dimension}").problem.resized((bin,) * 3, sides[1])
+    cell = Cell(problem.bin, Distribution(items, *sides))
+    options = MethodOptions(kinds=cell.distribution.kinds(problem))
+    comparison = Comparison(problem, instances=instances, batch=min(instances, 128))
+
+    def run(name: str):
+        return compare(comparison, name, make_method(name, problem, options), [cell])[0]
+
+    fixed = [run(name) for name in FIXED]
+    best = min(fixed, key=lambda row: (row.bins, -row.compactness))
+    ours = run("bin-aware")
+    return {
+        "items": items,
+        "bin": bin,
+        "sides": f"{sides[0]}-{sides[1]}",
+        "bins": ours.bins,
+        "compactness": ours.compactness,
+        "best_sort": best.method,
+        "sort_bins": best.bins,
+        "sort_compactness": max(row.compactness for row in fixed),
+        "lower_bound": ours.lower_bound,
+        "instances": instances,
+        "seed": comparison.seed,
+        "ms_per_instance": ours.ms_per_instance,
+    }
+
+
+def main() -> None:
+    use_compilation_cache()
+    dimension, *rest = sys.argv[1:]
+    instances = int(rest[0]) if rest else 256
+    rows = []
+    for bin, sides in PLACES:
+        for items in ITEMS:
+            rows.append(row_of(dimension, items, bin, sides, instances))
+            print({k: round(v, 4) if isinstance(v, float) else v for k, v in rows[-1].items()})
+            with replace_file(RESULTS / f"transfer-{dimension}.csv") as file:
+                table = csv.DictWriter(file, rows[0])
+                table.writeheader()
+                table.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()
