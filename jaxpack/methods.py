@@ -83,10 +83,20 @@ def _unknown(name: str) -> str:
 def _bin_aware(name: str, problem: Problem, options: MethodOptions, objective: Objective) -> Method:
     policy = _policy("bin-aware", problem, options)
     greedy = _greedy(problem, policy, options)
+    network = policy.config.policy
+    assert isinstance(network, BinAwareConfig)
 
     def draw(keys: Array, instances: Instance) -> Array:
         kinds = min(options.kinds or instances.mask.shape[1], instances.mask.shape[1])
-        return sample_orders(problem, policy.config.policy, policy.params, instances, keys, kinds)
+        return sample_orders(
+            problem,
+            policy.config.policy,
+            policy.params,
+            instances,
+            keys,
+            kinds,
+            network.temperature,
+        )
 
     if name == "bin-aware":
         return Method(greedy)

@@ -35,12 +35,15 @@ class BinAwareConfig:
     stock: bool = False  # sees what of the rest would fill the gaps beside and above exactly
     pooling: bool = True  # rows see the means over what remains and what fits
     attention: int = 0  # heads of attention among the rows between the layers
+    temperature: float = 1.0  # of the samples that a search draws; training draws at 1
 
     def __post_init__(self) -> None:
         if not self.placement and (self.surroundings or self.stock):
             raise UserError("surroundings and stock belong to a placement: leave it in")
         if self.hidden < 1:
             raise UserError(f"hidden {self.hidden}: give at least 1")
+        if not self.temperature > 0:
+            raise UserError(f"temperature {self.temperature}: give more than 0")
         if self.attention < 0 or (self.attention and self.hidden % self.attention):
             raise UserError(f"attention {self.attention}: give a number of heads dividing hidden")
 
@@ -48,7 +51,7 @@ class BinAwareConfig:
 def row_features(
     problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
 ) -> Array:
-    """What each row is: bfloat16 [K, B, D], lengths relative to the bin's sides."""
+    """What each row is: float32 [K, B, D], lengths relative to the bin's sides."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     area = jnp.maximum(length * width, 1)
@@ -96,7 +99,7 @@ def row_features(
 def context_features(
     problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
 ) -> Array:
-    """What all rows share: bfloat16 [B, D]."""
+    """What all rows share: float32 [B, D]."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     capacity = bin_x * bin_y * ceiling
@@ -139,8 +142,8 @@ def scores(
     """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit.
 
     Args:
-        rows: bfloat16 [K, B, D] from `row_features`.
-        context: bfloat16 [B, D] from `context_features`.
+        rows: float32 [K, B, D] from `row_features`.
+        context: float32 [B, D] from `context_features`.
         remaining: int32 [K, B].
         fits: bool [K, B].
     """

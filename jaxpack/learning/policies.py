@@ -43,9 +43,13 @@ def sample_orders(
     instances: Instance,
     keys: Array,
     kinds: int | None = None,
+    temperature: float = 1.0,
 ) -> Array:
-    """Orders drawn from the policy with a typed PRNG key each: keys [B]."""
+    """Orders drawn from the policy with a typed PRNG key each: keys [B].
+
+    `kinds` and `temperature`: see `choose_orders`; the pointer network has neither.
+    """
     if isinstance(network, PointerConfig):
         draw = jax.vmap(lambda one, key: sample_order(problem, network, params, one, key).order)
         return draw(instances, keys)
-    return choose_orders(problem, network, params, instances, keys, kinds=kinds)
+    return choose_orders(problem, network, params, instances, keys, kinds, temperature)

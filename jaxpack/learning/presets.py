@@ -14,8 +14,8 @@ PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=Fals
 BIN_AWARE = TrainConfig(
     problem=PAPER_2D,
     distribution=Distribution(items=40, low=1, high=5),
-    policy=BinAwareConfig(stock=True),
-    train_instances=25_600,
+    policy=BinAwareConfig(stock=True, temperature=1.5),
+    train_instances=19_200,
     valid_instances=1_000,
     batch=64,
     epochs=1,

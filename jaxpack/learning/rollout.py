@@ -49,6 +49,7 @@ def choose_orders(
     instances: Instance,
     keys: Array | None = None,
     kinds: int | None = None,
+    temperature: float = 1.0,
 ) -> Array:
     """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
 
@@ -56,13 +57,14 @@ def choose_orders(
         instances: leaves [B, ...].
         kinds: K, at least the number of distinct sizes in an instance; N if not given. Fewer
             are faster.
+        temperature: samples are drawn from probabilities to the power of 1 / temperature.
 
     Returns:
         int32 [B, N].
     """
 
     def orders(piece: tuple[Instance, Array | None]) -> Array:
-        return trace_choices(problem, config, params, *piece, kinds)[0]
+        return trace_choices(problem, config, params, *piece, kinds, temperature)[0]
 
     return in_pieces(orders, (instances, keys), LANES)
 
@@ -89,6 +91,7 @@ def trace_choices(
     instances: Instance,
     keys: Array | None,
     kinds: int | None,
+    temperature: float = 1.0,
 ) -> tuple[Array, list[Trace]]:
     """(orders int32 [B, N], what was seen and chosen, a trace per stretch of equal K).
 
@@ -108,7 +111,7 @@ def trace_choices(
         rows = row_features(problem, config, fixed, state, choices)
         context = context_features(problem, config, fixed, state)
         preference = scores(config, params, rows, context, state.remaining, choices.fits)
-        kind = jnp.argmax(preference + noise, 0).astype(jnp.int32)
+        kind = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
         label = jnp.take_along_axis(fixed.label, kind[None], 0)[0]
         label = jnp.where(choices.fits.any(0), label, items)
         after = step(problem, fixed, state, choices, kind)
