@@ -66,7 +66,7 @@ class Options:
     seed: int = 0
     """Of the weights, the data and the samples."""
     only: tuple[str, ...] = ()
-    """Beginnings of the names of the variants to train; all if not given."""
+    """Beginnings of the names of the variants to train and add to the file; all if not given."""
 
 
 def greedy_figures(recipe, params) -> dict[str, float]:
@@ -88,7 +88,10 @@ def main() -> None:
     use_compilation_cache()
     options = tyro.cli(Options)
     base = preset(f"bin-aware-{options.dimension}")
-    rows = []
+    path = RESULTS / f"ablations-{options.dimension}.csv"
+    kept = path.read_text().splitlines() if options.only and path.exists() else []
+    rows = list(csv.DictReader(kept))
+    rows = [row for row in rows if not row["variant"].startswith(options.only)]
     for name, (network, changes) in VARIANTS.items():
         recipe = replace(base, policy=replace(base.policy, **network), **changes)
         chosen = not options.only or name.startswith(options.only)
@@ -109,7 +112,7 @@ def main() -> None:
         }
         rows.append(row)
         Console().print({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
-        with replace_file(RESULTS / f"ablations-{options.dimension}.csv") as file:
+        with replace_file(path) as file:
             table = csv.DictWriter(file, row)
             table.writeheader()
             table.writerows(rows)

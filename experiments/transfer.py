@@ -1,6 +1,6 @@
 """The shipped policies on sizes they were not trained on: other item counts, sides and bins.
 
-python experiments/transfer.py 2d|3d [INSTANCES]     (5 and 20 minutes on one core)
+python experiments/transfer.py 2d|3d [INSTANCES]     (4 and 15 minutes on one core)
 
 Writes results/transfer-DIM.csv: in every cell the policy, greedy, beside the best fixed order.
 """
@@ -51,7 +51,7 @@ def row_of(dimension: str, items: int, bin: int, sides: tuple[int, int], instanc
 def main() -> None:
     use_compilation_cache()
     dimension, *rest = sys.argv[1:]
-    instances = int(rest[0]) if rest else 256
+    instances = int(rest[0]) if rest else 128
     rows = []
     for bin, sides in PLACES:
         for items in ITEMS:

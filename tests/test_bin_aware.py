@@ -272,7 +272,7 @@ def test_a_few_updates_lower_the_cost(learner):
         distribution=Distribution(items=12, low=1, high=4),
         train_instances=64 * 30,
         batch=64,
-        learning_rate=5e-3,
+        learning_rate=2e-2,
         clip=1.0,
         entropy=0.001,
         schedule="cosine",
