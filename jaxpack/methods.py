@@ -31,7 +31,7 @@ NAMES = (
     "bin-aware-beam-N", "bin-aware-search", "brkga-seeded",
 )  # fmt: skip
 SEARCHES = ("brkga", "brkga-seeded", "bin-aware-search")  # no count: a time limit may end them
-SEED_SAMPLES = 16  # of the policy's orders, for brkga-seeded
+SEED_SAMPLES = 16  # of the policy's orders for brkga-seeded, and a quarter of it, at most
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def _stacked(
     greedy: Orders, draw: Draw, keys: Array, instances: Instance, population: int
 ) -> Array:
     """The policy's greedy order and its samples: int32 [B, K, N]."""
-    samples = min(SEED_SAMPLES, population - 1)
+    samples = min(SEED_SAMPLES, population // 4)
     each = jax.vmap(lambda key: jax.random.split(key, samples))(keys).reshape(-1)
     repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
     drawn = draw(each, repeated).reshape(len(keys), samples, -1)

@@ -200,7 +200,7 @@ def test_bad_run_folders_are_refused(tmp_path, uninterrupted):
     for text, message in (
         ("{", "damaged, not JSON"),
         ("[1]", "expected a table of options"),
-        ('{"preset": "x"}', "option 'checkpoint_every' is missing"),
+        ('{"preset": "x"}', "option 'seed' is missing"),
         ('{"colour": "red"}', "option"),
     ):
         config.write_text(text)
