@@ -64,7 +64,8 @@ def choose_orders(
     """
 
     def orders(piece: tuple[Instance, Array | None]) -> Array:
-        return trace_choices(problem, config, params, *piece, kinds, temperature)[0]
+        chosen, _ = _play(problem, config, params, *piece, kinds, temperature, remember=False)
+        return chosen
 
     return in_pieces(orders, (instances, keys), LANES)
 
@@ -89,14 +90,24 @@ def trace_choices(
     config: BinAwareConfig,
     params: Params,
     instances: Instance,
+    keys: Array,
+    kinds: int,
+) -> tuple[Array, list[Trace]]:
+    """Sampled orders int32 [B, N] and what was seen and chosen: a trace per stretch of equal K."""
+    return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
+
+
+def _play(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
     keys: Array | None,
     kinds: int | None,
-    temperature: float = 1.0,
+    temperature: float,
+    remember: bool,
 ) -> tuple[Array, list[Trace]]:
-    """(orders int32 [B, N], what was seen and chosen, a trace per stretch of equal K).
-
-    XLA stores no trace that the caller does not use.
-    """
+    """(orders int32 [B, N], the traces if they are to be remembered)."""
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
     fixed, state = reset(problem, last, kinds)
     items = instances.mask.shape[1]
@@ -117,13 +128,29 @@ def trace_choices(
         after = step(problem, fixed, state, choices, kind)
         return after, (label, Trace(rows, context, state.remaining, choices.fits, kind))
 
+    def choose_label(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, Array]:
+        """Without a trace to fill, the steps after the last item has been placed cost nothing."""
+
+        def turn(state: BinState) -> tuple[BinState, Array]:
+            after, (label, _) = choose(fixed, state, noise)
+            return after, label
+
+        def rest(state: BinState) -> tuple[BinState, Array]:
+            return state, jnp.full(noise.shape[1:], items)
+
+        return jax.lax.cond(state.remaining.any(), turn, rest, state)
+
     labels: list[Array] = []
     trace: list[Trace] = []
     cuts = COMPACTED if state.remaining.shape[0] > FEW_KINDS else ()
     for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
         fixed, state = compact(fixed, state, items - start)
         rows = state.remaining.shape[0]
-        state, (label, seen) = jax.lax.scan(partial(choose, fixed), state, noise[start:end, :rows])
+        noises = noise[start:end, :rows]
+        if remember:
+            state, (label, seen) = jax.lax.scan(partial(choose, fixed), state, noises)
+            trace.append(seen)
+        else:
+            state, label = jax.lax.scan(partial(choose_label, fixed), state, noises)
         labels.append(label)
-        trace.append(seen)
     return order_of(fixed, jnp.concatenate(labels)).T, trace
