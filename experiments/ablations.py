@@ -104,7 +104,7 @@ def main() -> None:
         jax.block_until_ready(state)
         row = {"variant": name} | greedy_figures(recipe, state.params)
         row |= {
-            "sampled_bins": float(metrics.bins),
+            "sampled_bins": float(metrics.outcome.bins),
             "seconds": time.perf_counter() - start,
             "parameters": sum(jnp.size(leaf) for leaf in jax.tree.leaves(state.params)),
             "updates": options.updates,

@@ -20,10 +20,10 @@ from jaxpack.files.runs import (
     first_snapshot,
     rewind_lines,
 )
-from jaxpack.learning.policies import Params, greedy_orders
+from jaxpack.learning.parameters import Params
+from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import (
-    ChunkMetrics,
     train_chunk,
     validation_set,
 )
@@ -66,12 +66,13 @@ def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
     while update < train.updates:
         began = time.perf_counter()
         state, metrics = train_chunk(train, state, length)
-        values = dict(zip(ChunkMetrics._fields, map(float, metrics), strict=True))
-        if values.pop("finite") != 1:
+        if metrics.finite != 1:
             raise DivergedError(_diverged(run, update, update + length, saved))
         now = time.perf_counter()
         update += length
         place = {"update": update, "epoch": math.ceil(update / train.updates_per_epoch)}
+        outcome = metrics.outcome._asdict() | {"gradient_norm": metrics.gradient_norm}
+        values = {name: float(value) for name, value in outcome.items()}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
         yield _log(run, place | values | speed)
         if update - saved >= config.checkpoint_every or update == train.updates:

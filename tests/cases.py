@@ -1,12 +1,26 @@
-"""Random cases for the tests, in NumPy: instances, orders and the packers they go through."""
+"""Random cases for the tests, in NumPy, the packers they go through, and a small recipe."""
 
 from functools import cache
 
 import jax
 import numpy as np
 
+from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.problem import Instance
+from jaxpack.packing.instances import Distribution
+from jaxpack.packing.problem import Instance, Problem
+
+TINY = TrainConfig(
+    problem=Problem(bin=(6, 1, 6), largest=(4, 1)),
+    distribution=Distribution(items=8, low=1, high=4),
+    policy=PointerConfig(hidden=8, critic=4),
+    train_instances=160,
+    valid_instances=8,
+    batch=8,
+    epochs=3,
+)
+"""A recipe that trains in a moment."""
 
 
 @cache

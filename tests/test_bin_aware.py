@@ -12,7 +12,7 @@ from cases import packer, random_cases
 
 from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
 from jaxpack.learning.bin_aware import candidates, compact, order_of, reset, step
-from jaxpack.learning.bin_network import context_features, init_network, row_features, scores
+from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.gradients import policy_gradient
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
@@ -154,12 +154,11 @@ def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
     instances, _ = random_cases(problem, 9, 50, items)
     fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
 
-    def log_probs(state, choice):
-        rows = row_features(problem, config, fixed, state, choice)
-        context = context_features(problem, config, fixed, state)
-        return scores(config, params, rows, context, state.remaining, choice.fits)
+    def log_probs(state):
+        *_, sight = look(problem, config, fixed, state)
+        return scores(config, params, sight)
 
-    found = np.asarray(jax.jit(jax.vmap(log_probs))(states, choices))  # [steps, K, B]
+    found = np.asarray(jax.jit(jax.vmap(log_probs))(states))  # [steps, K, B]
     fits = np.asarray(choices.fits)
     probability = np.where(fits, np.exp(found), 0).sum(1)
     np.testing.assert_allclose(probability[fits.any(1)], 1, rtol=1e-5)
@@ -231,11 +230,9 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
         fixed, state = reset(problem, jax.tree.map(lambda leaf: leaf[..., None], one))
         total = jnp.float32(1)
         for item in order:
-            state, choices = candidates(problem, fixed, state)
+            state, choices, sight = look(problem, network, fixed, state)
             kind = jnp.argmax(fixed.items[:, 0] == item)  # three kinds, an item each
-            rows = row_features(problem, network, fixed, state, choices)
-            context = context_features(problem, network, fixed, state)
-            found = scores(network, params, rows, context, state.remaining, choices.fits)
+            found = scores(network, params, sight)
             total *= jnp.where(choices.fits[kind, 0], jnp.exp(found[kind, 0]), 0)
             state = step(problem, fixed, state, choices, kind[None].astype(jnp.int32))
         return total
@@ -281,7 +278,7 @@ def test_a_few_updates_lower_the_cost(learner):
     state, first = train_chunk(config, init_state(config, jax.random.key(0)), 5)
     state, _ = train_chunk(config, state, 20)
     state, last = train_chunk(config, state, 5)
-    assert last.cost < 0.97 * first.cost
+    assert last.outcome.cost < 0.97 * first.outcome.cost
     assert last.finite == 1
 
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import TINY
 
 from jaxpack.errors import UserError
 from jaxpack.files.runs import (
@@ -27,22 +28,9 @@ from jaxpack.files.runs import (
     read_run,
     rewind_lines,
 )
-from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import preset
-from jaxpack.learning.recipe import TrainConfig
-from jaxpack.packing.instances import Distribution
-from jaxpack.packing.problem import Problem
 from jaxpack.training import DivergedError, chunk_length, train_run, validate_policy
 
-TINY = TrainConfig(
-    problem=Problem(bin=(6, 1, 6), largest=(4, 1)),
-    distribution=Distribution(items=8, low=1, high=4),
-    policy=PointerConfig(hidden=8, critic=4),
-    train_instances=160,
-    valid_instances=8,
-    batch=8,
-    epochs=3,
-)
 CONFIG = RunConfig(preset="test", seed=4, train=TINY, chunk=4, checkpoint_every=8)
 TRAIN = (
     "import sys; from pathlib import Path\n"
@@ -51,6 +39,15 @@ TRAIN = (
     "run = Path(sys.argv[1])\n"
     "for record in train_run(run, read_run(run)): print(record['update'], flush=True)\n"
 )
+
+
+def train_until(run: Path, update: int):
+    """A new run, stopped once that many updates are done."""
+    create_run(run, CONFIG)
+    steps = train_run(run, CONFIG)
+    while next(steps)["update"] < update:
+        pass
+    steps.close()
 
 
 def final_leaves(run: Path):
@@ -131,11 +128,7 @@ def test_the_policy_of_a_run_is_its_best_on_the_validation_set(uninterrupted):
 
 def test_a_torn_checkpoint_folder_is_passed_over(uninterrupted, tmp_path):
     run = tmp_path / "torn"
-    create_run(run, CONFIG)
-    steps = train_run(run, CONFIG)
-    while next(steps)["update"] < 24:
-        pass
-    steps.close()
+    train_until(run, 24)
     # What orbax leaves when it is killed while writing: a folder with its temporary suffix.
     half = run / "checkpoints" / "28.orbax-checkpoint-tmp-0"
     half.mkdir()
@@ -157,11 +150,7 @@ def test_lines_after_the_checkpoint_and_torn_lines_are_dropped(tmp_path):
 
 def test_nan_stops_the_run_and_keeps_the_last_checkpoint(tmp_path):
     run = tmp_path / "run"
-    create_run(run, CONFIG)
-    steps = train_run(run, CONFIG)
-    while next(steps)["update"] < 12:
-        pass
-    steps.close()
+    train_until(run, 12)
     # The weights of the newest checkpoint, made so large that the next loss overflows.
     checkpoints = Checkpoints(run)
     state, best = checkpoints.restore(CONFIG)
@@ -234,7 +223,7 @@ def test_damaged_checkpoints_are_refused(tmp_path):
 def test_a_checkpoint_of_another_shape_is_refused(tmp_path):
     run = tmp_path / "run"
     create_run(run, CONFIG)
-    other = replace(CONFIG, train=replace(TINY, policy=PointerConfig(hidden=16)))
+    other = replace(CONFIG, train=replace(TINY, policy=replace(TINY.policy, hidden=16)))
     checkpoints = Checkpoints(run)
     checkpoints.save(first_snapshot(other))
     checkpoints.close()

@@ -6,10 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from cases import TINY
 
-from jaxpack import Distribution, PointerConfig, Problem, TrainConfig, init_state, make_train
+from jaxpack import Distribution, PointerConfig, TrainConfig, init_state, make_train
 from jaxpack.errors import UserError
 from jaxpack.learning import trainer
+from jaxpack.learning.gradients import Outcome
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.trainer import (
     ChunkMetrics,
@@ -20,16 +22,15 @@ from jaxpack.learning.trainer import (
     validation_set,
 )
 
-SMALL = TrainConfig(
-    problem=Problem(bin=(6, 1, 6), largest=(4, 1)),
-    distribution=Distribution(items=8, low=1, high=4),
+SMALL = replace(
+    TINY,
     policy=PointerConfig(hidden=16, critic=8),
     train_instances=64,
     valid_instances=16,
     batch=16,
     epochs=2,
 )
-NOTHING = ChunkMetrics(*[jnp.float32(0)] * len(ChunkMetrics._fields))
+NOTHING = ChunkMetrics(Outcome(*[jnp.float32(0)] * 7), jnp.float32(0), jnp.float32(1))
 
 
 def assert_same_bits(one, two):
@@ -46,10 +47,10 @@ def test_three_seeds_and_rates_train_at_once_and_the_cost_falls():
     states, metrics = jax.jit(jax.vmap(lambda seed, rate: train(jax.random.key(seed), rate)))(
         seeds, rates
     )
-    assert metrics.cost.shape == (3, config.epochs)
+    assert metrics.outcome.cost.shape == (3, config.epochs)
     assert (states.update == config.updates).all()
     assert (metrics.finite == 1).all()
-    assert (metrics.cost[:2, 1] < 0.98 * metrics.cost[:2, 0]).all()
+    assert (metrics.outcome.cost[:2, 1] < 0.98 * metrics.outcome.cost[:2, 0]).all()
     # A rate of zero is no training: the third run ends with the weights it began with.
     untrained = init_state(config, jax.random.key(2)).params
     assert_same_bits(jax.tree.map(lambda leaf: leaf[2], states.params), untrained)
@@ -116,7 +117,7 @@ def test_every_preset_builds(name):
     )
     after, metrics = jax.eval_shape(lambda s, i: train_step(config, s, i), state, instances)
     assert jax.tree.map(jnp.shape, after.params) == jax.tree.map(jnp.shape, state.params)
-    assert metrics.cost.shape == ()
+    assert metrics.outcome.cost.shape == ()
 
 
 def test_the_papers_recipe():

@@ -18,7 +18,8 @@ from flax import traverse_util
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
-from jaxpack.learning.policies import Params, init_policy
+from jaxpack.learning.parameters import Params
+from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import TrainConfig
 
 

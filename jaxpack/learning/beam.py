@@ -11,15 +11,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_aware import candidates, order_of, reset, step
-from jaxpack.learning.bin_network import (
-    MASKED,
-    BinAwareConfig,
-    Params,
-    context_features,
-    row_features,
-    scores,
-)
+from jaxpack.learning.bin_aware import order_of, reset, step
+from jaxpack.learning.bin_network import BinAwareConfig, look, scores
+from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.learning.rollout import LANES, in_pieces
 from jaxpack.packing.problem import Instance, Problem
 
@@ -65,10 +59,8 @@ def _beams(
 
     def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
         state, total, chosen = carry
-        state, choices = candidates(problem, fixed, state)
-        rows = row_features(problem, config, fixed, state, choices)
-        context = context_features(problem, config, fixed, state)
-        log_probs = scores(config, params, rows, context, state.remaining, choices.fits)
+        state, choices, sight = look(problem, config, fixed, state)
+        log_probs = scores(config, params, sight)
         done = ~choices.fits.any(0)
         # A finished packing goes on as it is: one continuation, free.
         log_probs = log_probs.at[0].set(jnp.where(done, 0.0, log_probs[0]))

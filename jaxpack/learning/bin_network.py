@@ -3,11 +3,12 @@
 Every kind of item that remains is a row: what it is, where the rule would put it in the current
 bin and what it would touch there. The context is the height map as a histogram of levels and
 what is left to pack. Rows pass through shared layers (they meet in two pooled means), so K, the
-bin and the sizes may be others than in training. Rows are
-[K, B, D], features last.
+bin and the sizes may be others than in training. F is the number of a row's features, G of the
+context's, D the width of the layers; all come last.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +16,10 @@ import numpy as np
 from jax import Array
 
 from jaxpack.errors import UserError
-from jaxpack.learning.bin_aware import BinState, Candidates, Kinds
+from jaxpack.learning.bin_aware import BinState, Candidates, Kinds, candidates
+from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.packing.problem import Problem
 
-Params = dict
-"""Dict of float32 arrays."""
-
-MASKED = -1e9  # a finite floor: -inf makes NaN gradients
 BUCKETS = 10  # of the histograms over heights
 
 
@@ -48,10 +46,29 @@ class BinAwareConfig:
             raise UserError(f"attention {self.attention}: give a number of heads dividing hidden")
 
 
-def row_features(
+class Sight(NamedTuple):
+    """What the network sees before a choice."""
+
+    rows: Array  # float32 [K, B, F]
+    context: Array  # float32 [B, G]
+    remaining: Array  # int32 [K, B]
+    fits: Array  # bool [K, B]
+
+
+def look(
+    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
+) -> tuple[BinState, Candidates, Sight]:
+    """The choices, and what the network sees of them; the state is the one they belong to."""
+    state, choices = candidates(problem, kinds, state)
+    rows = _row_features(problem, config, kinds, state, choices)
+    context = _context_features(problem, config, kinds, state)
+    return state, choices, Sight(rows, context, state.remaining, choices.fits)
+
+
+def _row_features(
     problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
 ) -> Array:
-    """What each row is: float32 [K, B, D], lengths relative to the bin's sides."""
+    """What each row is: float32 [K, B, F], lengths relative to the bin's sides."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     area = jnp.maximum(length * width, 1)
@@ -96,10 +113,10 @@ def row_features(
     return jnp.stack(rows, -1)
 
 
-def context_features(
+def _context_features(
     problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
 ) -> Array:
-    """What all rows share: float32 [B, D]."""
+    """What all rows share: float32 [B, G]."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     capacity = bin_x * bin_y * ceiling
@@ -135,18 +152,9 @@ def init_network(config: BinAwareConfig, key: Array) -> Params:
     }
 
 
-def scores(
-    config: BinAwareConfig, params: Params, rows: Array, context: Array, remaining: Array,
-    fits: Array,
-) -> Array:  # fmt: skip
-    """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit.
-
-    Args:
-        rows: float32 [K, B, D] from `row_features`.
-        context: float32 [B, D] from `context_features`.
-        remaining: int32 [K, B].
-        fits: bool [K, B].
-    """
+def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
+    """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit."""
+    rows, context, remaining, fits = sight
     K, B, _ = rows.shape
 
     def shared_by_rows(name: str, inputs: Array) -> Array:
@@ -154,7 +162,6 @@ def scores(
         flat = inputs.reshape(K * B, -1) @ params[name]
         return flat.reshape(K, B, -1)
 
-    rows, context = rows.astype(jnp.float32), context.astype(jnp.float32)
     shift = context @ params["context"] + params["bias1"]
     hidden = jax.nn.relu(shared_by_rows("rows", rows) + shift)
     if config.pooling:

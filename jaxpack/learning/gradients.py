@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig, scores
+from jaxpack.learning.bin_network import BinAwareConfig, Sight, scores
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
+from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig, apply_value, sample_order
-from jaxpack.learning.policies import Params
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.packing.first_fit import pack
@@ -130,13 +130,15 @@ def _best_of_each(trace: list[Trace], cost: Array) -> tuple[list[Trace], Array]:
     told_apart = (cost.max(1) > cost.min(1)) * 1.0
     labels = [
         Trace(
-            rows=seen.rows[:, :, lanes],
-            context=seen.context[:, lanes],
-            remaining=seen.remaining[:, :, lanes],
-            fits=seen.fits[:, :, lanes],
-            kind=seen.kind[:, lanes],
+            Sight(
+                rows=sight.rows[:, :, lanes],
+                context=sight.context[:, lanes],
+                remaining=sight.remaining[:, :, lanes],
+                fits=sight.fits[:, :, lanes],
+            ),
+            kind[:, lanes],
         )
-        for seen in trace
+        for sight, kind in trace
     ]
     return labels, -told_apart
 
@@ -176,11 +178,11 @@ def _trace_gradient(
     lanes = weight.shape[1]
 
     def loss(params: Params, step: tuple[Trace, Array]) -> tuple[Array, tuple[Array, Array]]:
-        seen, weight = step
-        log_probs = scores(network, params, seen.rows, seen.context, seen.remaining, seen.fits)
-        chosen = jnp.take_along_axis(log_probs, seen.kind[None], 0)[0]
-        weighted = (weight * jnp.where(seen.fits.any(0), chosen, 0)).sum() / lanes
-        entropy = -jnp.where(seen.fits, jnp.exp(log_probs) * log_probs, 0).sum() / lanes
+        (sight, kind), weight = step
+        log_probs = scores(network, params, sight)
+        chosen = jnp.take_along_axis(log_probs, kind[None], 0)[0]
+        weighted = (weight * jnp.where(sight.fits.any(0), chosen, 0)).sum() / lanes
+        entropy = -jnp.where(sight.fits, jnp.exp(log_probs) * log_probs, 0).sum() / lanes
         return weighted - config.entropy * entropy, (weighted, entropy)
 
     step_gradient: Callable = jax.grad(loss, has_aux=True)

@@ -16,12 +16,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.packing.problem import Instance, Problem
-
-MASKED = -1e9  # a finite floor: -inf makes NaN gradients
-
-Params = dict
-"""Nested dict of float32 arrays, as flax makes it."""
 
 
 @dataclass(frozen=True)

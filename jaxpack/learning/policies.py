@@ -7,13 +7,12 @@ import jax
 from jax import Array
 
 from jaxpack.learning.bin_network import BinAwareConfig, init_network
+from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig, greedy_order, init_pointer, sample_order
 from jaxpack.learning.rollout import choose_orders
 from jaxpack.packing.problem import Instance, Problem
 
 Network = PointerConfig | BinAwareConfig
-Params = dict
-"""Nested dict of float32 arrays."""
 
 
 def init_policy(problem: Problem, network: Network, key: Array) -> Params:

@@ -9,14 +9,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_aware import BinState, Kinds, candidates, compact, order_of, reset, step
-from jaxpack.learning.bin_network import (
-    BinAwareConfig,
-    Params,
-    context_features,
-    row_features,
-    scores,
-)
+from jaxpack.learning.bin_aware import BinState, Kinds, compact, order_of, reset, step
+from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
+from jaxpack.learning.parameters import Params
 from jaxpack.packing.problem import Instance, Problem
 
 T = TypeVar("T")
@@ -24,7 +19,6 @@ T = TypeVar("T")
 # Instances side by side. What the network holds of 64 stays in a core's cache, and since every
 # batch is cut into pieces of this one shape, an instance's order does not depend on the batch.
 LANES = 64
-
 
 # Shares of the steps after which kinds of which nothing remains are dropped: a third less to
 # score. Every stretch compiles for itself, so few kinds (2D) do without.
@@ -35,10 +29,7 @@ FEW_KINDS = 32
 class Trace(NamedTuple):
     """What the network saw at T steps of a batch, and what was chosen."""
 
-    rows: Array  # float32 [T, K, B, D]
-    context: Array  # float32 [T, B, D]
-    remaining: Array  # int32 [T, K, B]
-    fits: Array  # bool [T, K, B]
+    sight: Sight  # leaves [T, ...]
     kind: Array  # int32 [T, B], the row chosen; of no meaning where nothing fits
 
 
@@ -77,12 +68,8 @@ def in_pieces(function: Callable[[T], Array], batch: T, size: int) -> Array:
     """
     count = len(jax.tree.leaves(batch)[0])
     rows = jnp.minimum(jnp.arange(-(-count // size) * size), count - 1).reshape(-1, size)
-    done = jax.lax.map(lambda piece: function(_rows(batch, piece)), rows)
+    done = jax.lax.map(lambda piece: function(jax.tree.map(lambda leaf: leaf[piece], batch)), rows)
     return done.reshape(-1, *done.shape[2:])[:count]
-
-
-def _rows(batch: T, rows: Array) -> T:
-    return jax.tree.map(lambda leaf: leaf[rows], batch)
 
 
 def trace_choices(
@@ -118,15 +105,13 @@ def _play(
         noise = draw(keys)
 
     def choose(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Array, Trace]]:
-        state, choices = candidates(problem, fixed, state)
-        rows = row_features(problem, config, fixed, state, choices)
-        context = context_features(problem, config, fixed, state)
-        preference = scores(config, params, rows, context, state.remaining, choices.fits)
+        state, choices, sight = look(problem, config, fixed, state)
+        preference = scores(config, params, sight)
         kind = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
         label = jnp.take_along_axis(fixed.label, kind[None], 0)[0]
         label = jnp.where(choices.fits.any(0), label, items)
         after = step(problem, fixed, state, choices, kind)
-        return after, (label, Trace(rows, context, state.remaining, choices.fits, kind))
+        return after, (label, Trace(sight, kind))
 
     def choose_label(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, Array]:
         """Without a trace to fill, the steps after the last item has been placed cost nothing."""

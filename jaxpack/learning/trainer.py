@@ -14,8 +14,9 @@ import optax
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxpack.learning.gradients import policy_gradient
-from jaxpack.learning.policies import Params, init_policy
+from jaxpack.learning.gradients import Outcome, policy_gradient
+from jaxpack.learning.parameters import Params
+from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.packing.instances import sample_at
 from jaxpack.packing.problem import Instance
@@ -34,13 +35,7 @@ class TrainState(NamedTuple):
 class ChunkMetrics(NamedTuple):
     """Means over a chunk of updates, float32[] each."""
 
-    cost: Array  # the config's objective, of the sampled orders
-    compactness: Array
-    pyramid: Array
-    bins: Array
-    actor_loss: Array
-    critic_loss: Array
-    entropy: Array  # nats per item
+    outcome: Outcome  # of the sampled orders
     gradient_norm: Array
     finite: Array  # 1 where every loss, gradient and weight was finite
 
@@ -90,7 +85,7 @@ def train_step(
     params = jax.tree.map(lambda p, d: p - rate * d, state.params, direction)
     losses = (norm, outcome.actor_loss, outcome.critic_loss, optax.tree.norm(params))
     finite = jnp.isfinite(jnp.stack(losses)).all() * 1.0
-    metrics = ChunkMetrics(*outcome, gradient_norm=norm, finite=finite)
+    metrics = ChunkMetrics(outcome, norm, finite)
     state = state._replace(params=params, optimizer=optimizer, update=state.update + 1)
     return state, metrics
 

@@ -1,0 +1,7 @@
+"""What both networks share."""
+
+Params = dict
+"""Nested dict of float32 arrays."""
+
+MASKED = -1e9
+"""The score of what must not be chosen: a finite floor, -inf makes NaN gradients."""
