@@ -50,8 +50,9 @@ VARIANTS: dict[str, tuple[dict, dict]] = {
     "4 samples of twice the instances": ({}, {"samples": 4, "batch": 128}),
     "16 samples of half the instances": ({}, {"samples": 16, "batch": 32}),
     "credit by bin": ({}, {"credit": "bin"}),
-    "self-labelling": ({}, {"learner": "self-label"}),
-    "objective R": ({}, {"objective": "paper", "alpha": 0.5, "beta": 0.5}),
+    "credit by order": ({}, {"credit": "order"}),
+    "self-labelling": ({}, {"learner": "self-label", "credit": "order"}),
+    "objective R": ({}, {"objective": "paper", "alpha": 0.5, "beta": 0.5, "credit": "order"}),
 }
 
 

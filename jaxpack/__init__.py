@@ -51,6 +51,7 @@ from jaxpack.packing.problem import Instance, Packing, Problem, make_instance
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
 from jaxpack.solvers.bin_by_bin import bin_by_bin
 from jaxpack.solvers.brkga import BrkgaConfig, brkga, genetic
+from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
 from jaxpack.solvers.sampling import best_of, sampling
 from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
@@ -91,6 +92,7 @@ __all__ = [
     "compactness",
     "compare",
     "compile_search",
+    "evolved",
     "footprint_order",
     "genetic",
     "greedy_order",

@@ -59,6 +59,8 @@ class EvaluateOptions:
     """Orders that bin-aware-search draws for each of them."""
     search_rounds: int = MethodOptions.rounds
     """Bins that bin-aware-search fills without a time limit."""
+    search_generations: int = MethodOptions.breeding
+    """Generations of BRKGA that its finds breed after each; 0 for none."""
     brkga_population: int = BrkgaConfig.population
     """Individuals per generation."""
     brkga_generations: int = BrkgaConfig.generations
@@ -96,6 +98,8 @@ def main(argv: Sequence[str]) -> None:
             raise UserError(
                 f"--{option.replace('_', '-')} {getattr(options, option)}: give more than 0"
             )
+    if options.search_generations < 0:
+        raise UserError(f"--search-generations {options.search_generations}: give 0 or more")
     if options.time_limit and not set(names) & set(SEARCHES):
         raise UserError(f"--time-limit: none of the methods takes one, only {', '.join(SEARCHES)}")
     settings = MethodOptions(
@@ -107,6 +111,7 @@ def main(argv: Sequence[str]) -> None:
         width=options.search_width,
         draws=options.search_draws,
         rounds=options.search_rounds,
+        breeding=options.search_generations,
         time_limit=options.time_limit,
     )
     methods = {name: make_method(name, problem, settings) for name in names}

@@ -18,6 +18,7 @@ from jaxpack.learning.recipe import OBJECTIVES
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.bin_by_bin import bin_by_bin
 from jaxpack.solvers.brkga import BrkgaConfig, genetic
+from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
 from jaxpack.solvers.sampling import sampling
 from jaxpack.solvers.search import Draw, Objective, Search, pack_orders, run_rounds
@@ -46,6 +47,7 @@ class MethodOptions:
     width: int = 8  # partial packings that bin-aware-search keeps
     draws: int = 8  # orders that it draws for each of them and bin
     rounds: int = 4  # bins that it fills without a time limit
+    breeding: int = 20  # generations of BRKGA that its finds breed after each
     time_limit: float | None = None  # seconds per instance of SEARCHES, instead of their counts
 
 
@@ -113,6 +115,8 @@ def _bin_aware(name: str, problem: Problem, options: MethodOptions, objective: O
         return _searching(options, search, options.brkga.generations)
     if name == "bin-aware-search":
         search = bin_by_bin(problem, greedy, draw, objective, options.width, options.draws)
+        if options.breeding:
+            search = evolved(problem, search, _brkga(problem, options), objective, options.breeding)
         return _searching(options, search, options.rounds)
     raise UserError(_unknown(name))
 

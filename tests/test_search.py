@@ -14,6 +14,8 @@ from jaxpack.packing.instances import Distribution, sample
 from jaxpack.packing.metrics import bins_first_cost
 from jaxpack.packing.problem import Instance
 from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.brkga import BrkgaConfig, genetic
+from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import height_order, random_order
 from jaxpack.solvers.sampling import sampling
 from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
@@ -24,10 +26,13 @@ INSTANCES = Instance(INSTANCES.size, INSTANCES.mask.at[::2, :8].set(False), INST
 KEYS = jax.random.split(jax.random.key(2), COUNT)
 DRAW = jax.vmap(random_order)
 HEIGHT = jax.vmap(height_order)
+BIN_BY_BIN = bin_by_bin(
+    PAPER_2D, lambda keys, instances: HEIGHT(instances), DRAW, bins_first_cost, 3, 4
+)
+BREEDING = genetic(PAPER_2D, BrkgaConfig(population=10))
 SEARCHES = {
-    "bin by bin": bin_by_bin(
-        PAPER_2D, lambda keys, instances: HEIGHT(instances), DRAW, bins_first_cost, 3, 4
-    ),
+    "bin by bin": BIN_BY_BIN,
+    "evolved": evolved(PAPER_2D, BIN_BY_BIN, BREEDING, bins_first_cost, 3),
     "sampling": sampling(PAPER_2D, DRAW, bins_first_cost, 12),
 }
 
@@ -61,6 +66,19 @@ def test_bin_by_bin_is_never_worse_than_what_it_starts_from_and_beats_whole_orde
     start = costs_of(HEIGHT(INSTANCES))
     assert (rounds["bin by bin"] <= start).all()
     assert rounds["bin by bin"].mean() < min(start.mean(), rounds["sampling"].mean())
+
+
+def test_what_has_bred_is_never_worse_than_what_it_comes_from_and_better_than_either():
+    rounds = {
+        name: costs_of(jax.jit(partial(run_rounds, search, rounds=count))(KEYS, INSTANCES))
+        for name, search, count in (
+            ("evolved", SEARCHES["evolved"], 4),
+            ("found", BIN_BY_BIN, 4),
+            ("bred", BREEDING, 12),
+        )
+    }
+    assert (rounds["evolved"] <= rounds["found"]).all()
+    assert rounds["evolved"].mean() < min(rounds["found"].mean(), rounds["bred"].mean())
 
 
 def test_filled_bins_stay_as_they_were():

@@ -1,0 +1,47 @@
+"""A search whose finds breed: between its rounds a genetic algorithm works on the best of them.
+
+A packing costs a tenth of drawing an order from a policy, so generations are nearly free beside
+the search's rounds; and they change orders where the search never goes back, in the last bins.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.packing.problem import Instance, Problem
+from jaxpack.solvers.brkga import Population, keys_of
+from jaxpack.solvers.search import Objective, Search, pack_orders
+
+
+def evolved(
+    problem: Problem, search: Search, breeding: Search, objective: Objective, generations: int
+) -> Search:
+    """A round is one of `search` and so many generations of `breeding`, from `genetic`."""
+
+    def join(
+        instances: Instance, found: Any, bred: tuple[Population, Array]
+    ) -> tuple[Any, tuple[Population, Array]]:
+        """The best find takes the place of the worst individual, in front where it is best."""
+        population, mask = bred
+        orders = search.best(found)
+        costs = jax.vmap(objective)(instances, pack_orders(problem, instances, orders))
+        genes = population.genes.at[:, -1].set(jax.vmap(keys_of)(orders))
+        cost = population.cost.at[:, -1].set(costs)
+        rank = jnp.argsort(cost, axis=1)
+        genes = jnp.take_along_axis(genes, rank[..., None], 1)
+        cost = jnp.take_along_axis(cost, rank, 1)
+        return found, (Population(population.key, genes, cost), mask)
+
+    def start(keys: Array, instances: Instance) -> Any:
+        return join(instances, search.start(keys, instances), breeding.start(keys, instances))
+
+    def advance(instances: Instance, state: Any) -> Any:
+        found, bred = join(instances, search.advance(instances, state[0]), state[1])
+        bred = jax.lax.fori_loop(
+            0, generations, lambda _, bred: breeding.advance(instances, bred), bred
+        )
+        return found, bred
+
+    return Search(start, advance, lambda state: breeding.best(state[1]))
