@@ -1,11 +1,11 @@
 """What a method makes of 0.01, 0.1, 1 and 10 seconds per instance: one figure per dimension.
 
-python experiments/quality_time.py 2d|3d     (6 minutes each)
+python experiments/quality_time.py 2d|3d [SECONDS ...]     (6 minutes each)
 
-Random orders, BRKGA from the sorts, BRKGA from the policy's orders and the policy's bin-by-bin
+Random orders, BRKGA from the sorts, BRKGA from the policy's orders, samples of the policy and its
 search get the same wall time on the same instances, fewer where the budget is long. The sizes
 of populations and beams grow with the budget, so that every search has rounds to run.
-Writes results/quality-time-DIM.csv and .png.
+Writes results/quality-time-DIM.csv and .png; given budgets, runs those and keeps the other rows.
 """
 
 import csv
@@ -15,38 +15,65 @@ from pathlib import Path
 import jax
 import matplotlib
 
-from jaxpack import Cell, Comparison, MethodOptions, bins_first_cost, compare, make_method, preset
+from jaxpack import (
+    Cell,
+    Comparison,
+    Instance,
+    MethodOptions,
+    bins_first_cost,
+    compare,
+    load_policy,
+    make_method,
+    preset,
+    sample_orders,
+)
 from jaxpack.cli import use_compilation_cache
 from jaxpack.files.atomic import replace_file
 from jaxpack.methods import Method
 from jaxpack.solvers.brkga import BrkgaConfig
 from jaxpack.solvers.heuristics import random_order
 from jaxpack.solvers.sampling import sampling
+from jaxpack.solvers.search import Draw
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 RESULTS = Path(__file__).parent / "results"
-# Seconds per instance: instances, (width, draws) of the search, population of BRKGA.
+# Seconds per instance: instances, (width, draws) of the search and the generations between its
+# rounds, population of BRKGA in all.
 BUDGETS = {
     "2d": {
-        0.01: (256, 2, 4, 20),
-        0.1: (64, 4, 8, 50),
-        1.0: (16, 8, 16, 100),
-        10.0: (4, 16, 32, 200),
+        0.01: (256, 1, 2, 10, 20),
+        0.1: (64, 1, 4, 20, 50),
+        1.0: (16, 4, 8, 40, 100),
+        10.0: (4, 8, 16, 80, 200),
     },
     "3d": {
-        0.01: (256, 1, 1, 20),
-        0.1: (64, 4, 4, 50),
-        1.0: (16, 8, 16, 100),
-        10.0: (4, 16, 32, 200),
+        0.01: (256, 1, 3, 0, 20),
+        0.1: (64, 2, 4, 0, 50),
+        1.0: (16, 8, 16, 20, 100),
+        10.0: (4, 16, 32, 40, 200),
     },
 }
-METHODS = ("random orders", "brkga", "brkga-seeded", "bin-aware-search")
+METHODS = ("random orders", "brkga", "brkga-seeded", "bin-aware samples", "bin-aware-search")
+
+
+def policy_draw(dimension: str) -> Draw:
+    """Orders drawn from the shipped policy."""
+    policy, recipe = load_policy(f"bin-aware-{dimension}"), preset(f"bin-aware-{dimension}")
+    network = policy.config.policy
+
+    def draw(keys: jax.Array, instances: Instance) -> jax.Array:
+        return sample_orders(
+            recipe.problem, network, policy.params, instances, keys, recipe.kinds,
+            network.temperature,
+        )  # fmt: skip
+
+    return draw
 
 
 def row_of(dimension: str, name: str, seconds: float) -> dict:
-    count, width, draws, population = BUDGETS[dimension][seconds]
+    count, width, draws, breeding, population = BUDGETS[dimension][seconds]
     recipe = preset(f"bin-aware-{dimension}")
     problem = recipe.problem
     options = MethodOptions(
@@ -54,10 +81,14 @@ def row_of(dimension: str, name: str, seconds: float) -> dict:
         kinds=recipe.kinds,
         width=width,
         draws=draws,
+        breeding=breeding,
         time_limit=seconds,
     )
     if name == "random orders":
         search = sampling(problem, jax.vmap(random_order), bins_first_cost, 2 * population)
+        method = Method(search.best, search, seconds)
+    elif name == "bin-aware samples":
+        search = sampling(problem, policy_draw(dimension), bins_first_cost, width * draws)
         method = Method(search.best, search, seconds)
     else:
         method = make_method(name, problem, options)
@@ -91,17 +122,21 @@ def draw(dimension: str, rows: list[dict]) -> None:
 
 def main() -> None:
     use_compilation_cache()
-    (dimension,) = sys.argv[1:]
-    rows: list[dict] = []
-    for seconds in BUDGETS[dimension]:
+    dimension, *chosen = sys.argv[1:]
+    path = RESULTS / f"quality-time-{dimension}.csv"
+    rows = {}
+    for line in csv.DictReader(path.read_text().splitlines()) if chosen else ():
+        values = {key: float(value) for key, value in line.items() if key != "method"}
+        rows[values["seconds"], line["method"]] = {"method": line["method"]} | values
+    for seconds in map(float, chosen or BUDGETS[dimension]):
         for name in METHODS:
-            rows.append(row_of(dimension, name, seconds))
-            print({k: round(v, 4) if isinstance(v, float) else v for k, v in rows[-1].items()})
-            with replace_file(RESULTS / f"quality-time-{dimension}.csv") as file:
-                table = csv.DictWriter(file, rows[0])
+            row = rows[seconds, name] = row_of(dimension, name, seconds)
+            print({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
+            with replace_file(path) as file:
+                table = csv.DictWriter(file, row)
                 table.writeheader()
-                table.writerows(rows)
-    draw(dimension, rows)
+                table.writerows(rows[key] for key in sorted(rows))
+    draw(dimension, list(rows.values()))
 
 
 if __name__ == "__main__":

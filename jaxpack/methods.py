@@ -47,7 +47,7 @@ class MethodOptions:
     width: int = 8  # partial packings that bin-aware-search keeps
     draws: int = 8  # orders that it draws for each of them and bin
     rounds: int = 4  # bins that it fills without a time limit
-    breeding: int = 20  # generations of BRKGA that its finds breed after each
+    breeding: int = 10  # generations of BRKGA that its finds breed after each
     time_limit: float | None = None  # seconds per instance of SEARCHES, instead of their counts
 
 

@@ -14,4 +14,4 @@ def test_the_library_lines_run(tmp_path, monkeypatch):
     exec(compile(block, "README.md", "exec"), names)
     assert names["packing"].bin.shape == names["instances"].mask.shape
     assert (names["bins"] >= 4).any()
-    assert names["metrics"].cost.shape == (3, 1)
+    assert names["metrics"].outcome.cost.shape == (3, 1)

@@ -37,8 +37,9 @@ PRESETS = {
         BIN_AWARE,
         problem=PAPER_3D,
         distribution=Distribution(items=70, low=2, high=5),
-        policy=BinAwareConfig(),
-        train_instances=179_200,
+        policy=BinAwareConfig(stock=True),
+        train_instances=153_600,
+        credit="bin",
     ),
     # The paper's recipe, section III.A: 100,000 instances, batch 50, 5 epochs, Adam 5e-4.
     "paper-2d": TrainConfig(problem=PAPER_2D, distribution=Distribution(items=40, low=1, high=5)),
