@@ -3,7 +3,7 @@
 Everything is an order, one judge turns orders into packings: `pack(problem, instance, order)`.
 """
 
-from jaxpack.comparison import Cell, Comparison, Row, compare
+from jaxpack.comparison import Comparison, Row, compare
 from jaxpack.errors import UserError
 from jaxpack.files.weights import Policy, load_policy, save_policy
 from jaxpack.learning.beam import beam_orders
@@ -37,7 +37,7 @@ from jaxpack.learning.trainer import (
 )
 from jaxpack.methods import Method, MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.instances import Distribution, sample, uniform_instance
+from jaxpack.packing.instances import Cell, Distribution, sample, uniform_instance
 from jaxpack.packing.metrics import (
     bins_first_cost,
     bins_used,

@@ -20,7 +20,7 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.methods import Method
-from jaxpack.packing.instances import Distribution, uniform_instance
+from jaxpack.packing.instances import Cell, Distribution, uniform_instance
 from jaxpack.packing.metrics import (
     bins_used,
     compactness,
@@ -36,14 +36,6 @@ Solver = Callable[[Array, Instance], tuple[Array, Packing]]
 """(keys [B], instances) -> (orders [B, N], packings), compiled for one B."""
 
 INSTANCE_STREAM, METHOD_STREAM = 5, 6  # folded into key(seed); training uses 0 to 4
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One combination of a grid."""
-
-    bin: tuple[int, int, int]
-    distribution: Distribution
 
 
 @dataclass(frozen=True)

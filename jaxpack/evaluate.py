@@ -9,13 +9,14 @@ from rich.console import Console
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, parse_sides, parse_whole, run_door
-from jaxpack.comparison import Cell, Comparison, Row, compare, grid_cells, grid_problem
+from jaxpack.comparison import Comparison, Row, compare, grid_cells, grid_problem
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_policy
 from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
+from jaxpack.packing.instances import Cell
 from jaxpack.solvers.brkga import BrkgaConfig
 from jaxpack.tables import print_table
 
@@ -25,7 +26,7 @@ class EvaluateOptions:
     """Compare methods on fresh instances. Lists in --items, --bin, --sides span a grid."""
 
     preset: Positional[str] = "bin-aware-2d"
-    """bin-aware-2d, bin-aware-3d, paper-2d or paper-3d: the instances and the rules."""
+    """bin-aware-2d or -3d, also with -range, paper-2d or paper-3d: the instances and the rules."""
     methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
     """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
     bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded."""

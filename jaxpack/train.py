@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional
 
 from jaxpack.cli import parse_options, parse_sides, run_door
-from jaxpack.comparison import Cell, Comparison, Row, compare, make_instances
+from jaxpack.comparison import Comparison, Row, compare, make_instances
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, create_run, read_policy, read_run
@@ -23,6 +23,7 @@ from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.methods import MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
+from jaxpack.packing.instances import Cell
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
 
@@ -34,7 +35,7 @@ class TrainOptions:
     """Train a policy in a run folder. Options that are not given are the preset's."""
 
     preset: Positional[str] = DEFAULT_PRESET
-    """bin-aware-2d, bin-aware-3d, paper-2d or paper-3d."""
+    """bin-aware-2d or -3d, also with -range, paper-2d or paper-3d."""
     resume: Path | None = None
     """Go on with this run folder; takes no other option."""
     run: Path | None = None

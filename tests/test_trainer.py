@@ -1,5 +1,6 @@
 """The training program: pure, traced once, the same in pieces as in one go."""
 
+import json
 from dataclasses import replace
 
 import jax
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from cases import TINY
 
-from jaxpack import Distribution, PointerConfig, TrainConfig, init_state, make_train
+from jaxpack import Cell, Distribution, PointerConfig, TrainConfig, init_state, make_train
 from jaxpack.errors import UserError
+from jaxpack.files.configs import config_from_dict, config_to_dict
 from jaxpack.learning import trainer
 from jaxpack.learning.gradients import Outcome
 from jaxpack.learning.presets import PRESETS, preset
@@ -30,7 +32,7 @@ SMALL = replace(
     batch=16,
     epochs=2,
 )
-NOTHING = ChunkMetrics(Outcome(*[jnp.float32(0)] * 7), jnp.float32(0), jnp.float32(1))
+NOTHING = ChunkMetrics(Outcome(*[jnp.float32(0)] * len(Outcome._fields)), *[jnp.float32(0)] * 2)
 
 
 def assert_same_bits(one, two):
@@ -38,6 +40,11 @@ def assert_same_bits(one, two):
         if jnp.issubdtype(a.dtype, jax.dtypes.prng_key):
             a, b = jax.random.key_data(a), jax.random.key_data(b)
         np.testing.assert_array_equal(a, b)
+
+
+def assert_close(one, two):
+    difference = jax.tree.map(lambda a, b: jnp.abs(a - b).max(), one, two)
+    assert max(jax.tree.leaves(difference)) < 1e-5
 
 
 def test_three_seeds_and_rates_train_at_once_and_the_cost_falls():
@@ -70,8 +77,7 @@ def test_chunks_of_any_length_give_the_same_bits_from_one_trace_each():
     train = make_train(replace(SMALL, epochs=1))
     many, _ = jax.jit(jax.vmap(lambda seed: train(jax.random.key(seed))))(jnp.asarray([7, 0, 8]))
     second = jax.tree.map(lambda leaf: leaf[1], many.params)
-    difference = jax.tree.map(lambda a, b: jnp.abs(a - b).max(), second, epoch.params)
-    assert max(jax.tree.leaves(difference)) < 1e-5
+    assert_close(second, epoch.params)
 
 
 def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatch):
@@ -94,6 +100,21 @@ def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatc
         epochs.append([row_of[size.tobytes()] for size in seen])
         assert sorted(epochs[-1]) == list(range(64))
     assert epochs[0] != epochs[1]
+
+
+def test_updates_take_turns_over_bins_and_distributions():
+    config = replace(SMALL, others=(Cell((5, 5, 5), Distribution(6, 1, 3)),))
+    own, other = config.turns
+    assert own == SMALL
+    assert (other.problem.bin, other.distribution.items) == ((5, 1, 5), 6)
+    assert config_from_dict(TrainConfig, json.loads(json.dumps(config_to_dict(config)))) == config
+    start = init_state(config, jax.random.key(0))
+    both, _ = train_chunk(config, jax.tree.map(jnp.copy, start), 2)
+    shuffled = jax.random.permutation(jax.random.fold_in(jax.random.fold_in(start.key, 4), 0), 64)
+    state = start
+    for turn, rows in ((own, shuffled[:16]), (other, shuffled[16:32])):
+        state, _ = train_step(turn, state, training_instances(turn, state.key, rows))
+    assert_close(both.params, state.params)
 
 
 def test_sets_differ_and_are_fixed_by_the_key():

@@ -45,7 +45,8 @@ def _value(hint: Any, value: Any, where: str) -> Any:
         if is_dataclass(hint):
             return config_from_dict(typing.cast(type, hint), value, where)
     if typing.get_origin(hint) is tuple and isinstance(value, list | tuple):
-        return tuple(value)
+        kind = typing.get_args(hint)[0]
+        return tuple(_value(kind, item, f"{where}[{i}]") for i, item in enumerate(value))
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if isinstance(hint, type) and (

@@ -5,7 +5,7 @@ from dataclasses import replace
 from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import TrainConfig
-from jaxpack.packing.instances import Distribution
+from jaxpack.packing.instances import Cell, Distribution
 from jaxpack.packing.problem import Problem
 
 PAPER_2D = Problem(bin=(10, 1, 10), largest=(5, 1), support=0.5, inclusive=True)
@@ -30,16 +30,35 @@ BIN_AWARE = TrainConfig(
     clip=1.0,
 )
 
+BIN_AWARE_3D = replace(
+    BIN_AWARE,
+    problem=PAPER_3D,
+    distribution=Distribution(items=70, low=2, high=5),
+    policy=BinAwareConfig(stock=True),
+    train_instances=153_600,
+    credit="bin",
+)
+
+# From five bins an instance to one that is not full, from cubes of one cell to half the bin.
+RANGE = (
+    Cell((10, 10, 10), Distribution(items=50, low=1, high=5)),
+    Cell((10, 10, 10), Distribution(items=30, low=1, high=8)),
+    Cell((8, 8, 8), Distribution(items=50, low=1, high=5)),
+    Cell((12, 12, 12), Distribution(items=100, low=1, high=5)),
+    Cell((16, 16, 16), Distribution(items=60, low=1, high=5)),
+    Cell((20, 20, 20), Distribution(items=100, low=1, high=5)),
+)
+
 PRESETS = {
     # The policy that sees the bin; every instance is met once.
     "bin-aware-2d": BIN_AWARE,
-    "bin-aware-3d": replace(
-        BIN_AWARE,
-        problem=PAPER_3D,
-        distribution=Distribution(items=70, low=2, high=5),
-        policy=BinAwareConfig(stock=True),
-        train_instances=153_600,
-        credit="bin",
+    "bin-aware-3d": BIN_AWARE_3D,
+    # One policy for bins and items of many sizes.
+    "bin-aware-2d-range": replace(
+        BIN_AWARE, train_instances=80_640, learning_rate=5e-3, credit="bin", others=RANGE
+    ),
+    "bin-aware-3d-range": replace(
+        BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE
     ),
     # The paper's recipe, section III.A: 100,000 instances, batch 50, 5 epochs, Adam 5e-4.
     "paper-2d": TrainConfig(problem=PAPER_2D, distribution=Distribution(items=40, low=1, high=5)),

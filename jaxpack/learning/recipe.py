@@ -1,6 +1,6 @@
 """A recipe: what is learned, from what, by which rule and for how long."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jax import Array
 
@@ -8,7 +8,7 @@ from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.policies import Network
-from jaxpack.packing.instances import Distribution
+from jaxpack.packing.instances import Cell, Distribution
 from jaxpack.packing.metrics import bins_first_cost, paper_cost
 from jaxpack.packing.problem import Instance, Packing, Problem
 
@@ -42,6 +42,7 @@ class TrainConfig:
     samples: int = 1  # S, orders drawn per instance
     entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
     clip: float = 0.0  # largest norm of a gradient; 0: any
+    others: tuple[Cell, ...] = ()  # updates take turns: the bin and distribution above, then these
 
     def __post_init__(self) -> None:
         self.distribution.check_fits(self.problem.bin)
@@ -83,6 +84,19 @@ class TrainConfig:
     def updates(self) -> int:
         """Updates of a full run."""
         return self.updates_per_epoch * self.epochs
+
+    @property
+    def turns(self) -> tuple["TrainConfig", ...]:
+        """The config of each turn: one bin and one distribution."""
+        own = replace(self, others=())
+        return own, *(
+            replace(
+                own,
+                problem=self.problem.resized(cell.bin, cell.distribution.high),
+                distribution=cell.distribution,
+            )
+            for cell in self.others
+        )
 
     @property
     def kinds(self) -> int:

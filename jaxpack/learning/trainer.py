@@ -98,10 +98,15 @@ def train_updates(
     shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, 4), epoch)
     shuffled = jax.random.permutation(shuffle_key, config.train_instances)
 
+    def take(turn: TrainConfig, state: TrainState, rows: Array) -> tuple[TrainState, ChunkMetrics]:
+        return train_step(turn, state, training_instances(turn, state.key, rows))
+
+    turns = [partial(take, turn) for turn in config.turns]
+
     def update(state: TrainState, step: Array) -> tuple[TrainState, ChunkMetrics]:
         first = (done + step) * config.batch
         rows = jax.lax.dynamic_slice_in_dim(shuffled, first, config.batch)
-        return train_step(config, state, training_instances(config, state.key, rows))
+        return jax.lax.switch(state.update % len(turns), turns, state, rows)
 
     state, metrics = jax.lax.scan(update, state, jnp.arange(updates))
     means = jax.tree.map(jnp.mean, metrics)

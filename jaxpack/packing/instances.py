@@ -41,6 +41,14 @@ class Distribution:
             )
 
 
+@dataclass(frozen=True)
+class Cell:
+    """One combination of a grid: items of a distribution in a bin."""
+
+    bin: tuple[int, int, int]
+    distribution: Distribution
+
+
 def uniform_instance(
     problem: Problem,
     key: Array,
