@@ -8,26 +8,23 @@ orders, and writes the greedy figures on 1,000 instances (the tables', seed 0) t
 results/ablations-2d.csv or -3d.csv, a line as soon as a variant is done.
 """
 
-import csv
 import time
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import tyro
 from rich.console import Console
+from rows import RESULTS, read_rows, rounded, write_rows
 from tyro.conf import Positional
 
 from jaxpack import Cell, Comparison, bins_used, compactness, pack, preset, pyramid
 from jaxpack.cli import use_compilation_cache
 from jaxpack.comparison import make_instances
-from jaxpack.files.atomic import replace_file
 from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.trainer import init_state, train_chunk
 
-RESULTS = Path(__file__).parent / "results"
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
     "as the preset": ({}, {}),
@@ -90,9 +87,8 @@ def main() -> None:
     options = tyro.cli(Options)
     base = preset(f"bin-aware-{options.dimension}")
     path = RESULTS / f"ablations-{options.dimension}.csv"
-    kept = path.read_text().splitlines() if options.only and path.exists() else []
-    rows = list(csv.DictReader(kept))
-    rows = [row for row in rows if not row["variant"].startswith(options.only)]
+    kept = read_rows(path) if options.only else []
+    rows = {row["variant"]: row for row in kept}
     for name, (network, changes) in VARIANTS.items():
         recipe = replace(base, policy=replace(base.policy, **network), **changes)
         chosen = not options.only or name.startswith(options.only)
@@ -111,12 +107,9 @@ def main() -> None:
             "updates": options.updates,
             "seed": options.seed,
         }
-        rows.append(row)
-        Console().print({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
-        with replace_file(path) as file:
-            table = csv.DictWriter(file, row)
-            table.writeheader()
-            table.writerows(rows)
+        rows[name] = row
+        Console().print(rounded(row))
+        write_rows(path, (rows[name] for name in VARIANTS if name in rows))
 
 
 if __name__ == "__main__":

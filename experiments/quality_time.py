@@ -8,37 +8,19 @@ of populations and beams grow with the budget, so that every search has rounds t
 Writes results/quality-time-DIM.csv and .png; given budgets, runs those and keeps the other rows.
 """
 
-import csv
 import sys
-from pathlib import Path
+from dataclasses import replace
 
-import jax
 import matplotlib
+from rows import RESULTS, read_rows, rounded, write_rows
 
-from jaxpack import (
-    Cell,
-    Comparison,
-    Instance,
-    MethodOptions,
-    bins_first_cost,
-    compare,
-    load_policy,
-    make_method,
-    preset,
-    sample_orders,
-)
+from jaxpack import Cell, Comparison, MethodOptions, compare, make_method, preset
 from jaxpack.cli import use_compilation_cache
-from jaxpack.files.atomic import replace_file
-from jaxpack.methods import Method
 from jaxpack.solvers.brkga import BrkgaConfig
-from jaxpack.solvers.heuristics import random_order
-from jaxpack.solvers.sampling import sampling
-from jaxpack.solvers.search import Draw
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-RESULTS = Path(__file__).parent / "results"
 # Seconds per instance: instances, (width, draws) of the search and the generations between its
 # rounds, population of BRKGA in all.
 BUDGETS = {
@@ -58,20 +40,6 @@ BUDGETS = {
 METHODS = ("random orders", "brkga", "brkga-seeded", "bin-aware samples", "bin-aware-search")
 
 
-def policy_draw(dimension: str) -> Draw:
-    """Orders drawn from the shipped policy."""
-    policy, recipe = load_policy(f"bin-aware-{dimension}"), preset(f"bin-aware-{dimension}")
-    network = policy.config.policy
-
-    def draw(keys: jax.Array, instances: Instance) -> jax.Array:
-        return sample_orders(
-            recipe.problem, network, policy.params, instances, keys, recipe.kinds,
-            network.temperature,
-        )  # fmt: skip
-
-    return draw
-
-
 def row_of(dimension: str, name: str, seconds: float) -> dict:
     count, width, draws, breeding, population = BUDGETS[dimension][seconds]
     recipe = preset(f"bin-aware-{dimension}")
@@ -84,14 +52,10 @@ def row_of(dimension: str, name: str, seconds: float) -> dict:
         breeding=breeding,
         time_limit=seconds,
     )
-    if name == "random orders":
-        search = sampling(problem, jax.vmap(random_order), bins_first_cost, 2 * population)
-        method = Method(search.best, search, seconds)
-    elif name == "bin-aware samples":
-        search = sampling(problem, policy_draw(dimension), bins_first_cost, width * draws)
-        method = Method(search.best, search, seconds)
-    else:
-        method = make_method(name, problem, options)
+    named = {"random orders": f"best-of-{2 * population}"}
+    named["bin-aware samples"] = f"bin-aware-best-of-{width * draws}"
+    # The best of N goes on drawing, N at a time, until the time is up.
+    method = replace(make_method(named.get(name, name), problem, options), seconds=seconds)
     comparison = Comparison(problem, instances=count, batch=min(count, 64))
     row = compare(comparison, name, method, [Cell(problem.bin, recipe.distribution)])[0]
     names = ("compactness", "pyramid", "bins", "lower_bound", "instances")
@@ -124,18 +88,15 @@ def main() -> None:
     use_compilation_cache()
     dimension, *chosen = sys.argv[1:]
     path = RESULTS / f"quality-time-{dimension}.csv"
-    rows = {}
-    for line in csv.DictReader(path.read_text().splitlines()) if chosen else ():
+    rows: dict[tuple[float, str], dict] = {}
+    for line in read_rows(path) if chosen else ():
         values = {key: float(value) for key, value in line.items() if key != "method"}
         rows[values["seconds"], line["method"]] = {"method": line["method"]} | values
     for seconds in map(float, chosen or BUDGETS[dimension]):
         for name in METHODS:
             row = rows[seconds, name] = row_of(dimension, name, seconds)
-            print({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
-            with replace_file(path) as file:
-                table = csv.DictWriter(file, row)
-                table.writeheader()
-                table.writerows(rows[key] for key in sorted(rows))
+            print(rounded(row))
+            write_rows(path, (rows[key] for key in sorted(rows)))
     draw(dimension, list(rows.values()))
 
 

@@ -5,17 +5,16 @@ python experiments/ship.py RUN bin-aware-2d
 Writes jaxpack/weights/NAME.npz and .json, and the run's learning curve to results/train-NAME.csv.
 """
 
-import csv
 import os
 import platform
 import sys
 from pathlib import Path
 
 import jax
+from rows import RESULTS, write_rows
 
 from jaxpack import preset
 from jaxpack.errors import UserError
-from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, read_lines, read_policy, read_run
 from jaxpack.files.weights import save_policy
 
@@ -42,13 +41,13 @@ def main() -> None:
     chunks = [line for line in lines if "validation" not in line]
     if not chunks or chunks[-1]["update"] != config.train.updates:
         raise UserError(f"{run}: not at its end; go on with --resume {run}")
-    with replace_file(ROOT / "experiments" / "results" / f"train-{name}.csv") as file:
-        table = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        table.writeheader()
-        for line in lines:
-            validation = line.get("validation")
-            kind = {"kind": "validation" if validation else "train"}
-            table.writerow(kind | line | (validation or {}))
+    rows = [
+        {"kind": "validation" if "validation" in line else "train"}
+        | line
+        | line.get("validation", {})
+        for line in lines
+    ]
+    write_rows(RESULTS / f"train-{name}.csv", rows, COLUMNS)
     provenance = {
         "command": command_of(config),
         "seed": config.seed,

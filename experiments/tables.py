@@ -5,21 +5,19 @@ python experiments/tables.py 2d|3d [METHOD ...]     (4 and 15 minutes on two cor
 Given methods, runs those and keeps the other rows of the file.
 """
 
-import csv
 import sys
 from pathlib import Path
 
 from rich.console import Console
+from rows import RESULTS, read_rows, write_rows
 
 from jaxpack import Cell, Comparison, MethodOptions, Row, compare, make_method, preset
 from jaxpack.cli import use_compilation_cache
-from jaxpack.files.atomic import replace_file
 from jaxpack.tables import paper_row, print_table
 
 METHODS = ("random", "volume", "footprint", "height", "best-of-1000", "brkga", "pointer")
 METHODS += ("bin-aware", "bin-aware-best-of-64", "bin-aware-beam-8", "brkga-seeded")
 METHODS += ("bin-aware-search",)
-RESULTS = Path(__file__).parent / "results"
 COLUMNS = ("method", "source", "compactness", "pyramid", "bins", "utilisation", "gap")
 COLUMNS += ("ms_per_instance", "lower_bound", "instances", "seed")
 
@@ -40,10 +38,8 @@ def rows_of(dimension: str, methods: tuple[str, ...]) -> list[Row]:
 
 def read_csv(path: Path, cell: Cell) -> list[Row]:
     """Our rows of an earlier run."""
-    if not path.exists():
-        return []
     d, rows = cell.distribution, []
-    for line in csv.DictReader(path.read_text().splitlines()):
+    for line in read_rows(path):
         if line.pop("source") == "jaxpack":
             name = line.pop("method")
             values = {key: float(value) for key, value in line.items()}
@@ -54,15 +50,14 @@ def read_csv(path: Path, cell: Cell) -> list[Row]:
 
 
 def write_csv(path: Path, rows: list[Row]) -> None:
-    with replace_file(path) as file:
-        table = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        table.writeheader()
-        for row in rows:
-            table.writerow(row.record() | {"source": "jaxpack"})
-            if paper := paper_row(row):
-                names = ("compactness", "pyramid", "bins", "ms_per_instance")
-                figures = dict(zip(names, paper, strict=True))
-                table.writerow({"method": row.method, "source": "Wang and Dong"} | figures)
+    lines = []
+    for row in rows:
+        lines.append(row.record() | {"source": "jaxpack"})
+        if paper := paper_row(row):
+            names = ("compactness", "pyramid", "bins", "ms_per_instance")
+            figures = dict(zip(names, paper, strict=True))
+            lines.append({"method": row.method, "source": "Wang and Dong"} | figures)
+    write_rows(path, lines, COLUMNS)
 
 
 def main() -> None:

@@ -5,15 +5,13 @@ python experiments/transfer.py 2d|3d [INSTANCES]     (4 and 15 minutes on one co
 Writes results/transfer-DIM.csv: in every cell the policy, greedy, beside the best fixed order.
 """
 
-import csv
 import sys
-from pathlib import Path
+
+from rows import RESULTS, rounded, write_rows
 
 from jaxpack import Cell, Comparison, Distribution, MethodOptions, compare, make_method, preset
 from jaxpack.cli import use_compilation_cache
-from jaxpack.files.atomic import replace_file
 
-RESULTS = Path(__file__).parent / "results"
 ITEMS = (20, 40, 80, 200)
 FIXED = ("volume", "footprint", "height")
 # (bin, sides): the sides vary in bins of 10, the bins with sides 1-5.
@@ -56,11 +54,8 @@ def main() -> None:
     for bin, sides in PLACES:
         for items in ITEMS:
             rows.append(row_of(dimension, items, bin, sides, instances))
-            print({k: round(v, 4) if isinstance(v, float) else v for k, v in rows[-1].items()})
-            with replace_file(RESULTS / f"transfer-{dimension}.csv") as file:
-                table = csv.DictWriter(file, rows[0])
-                table.writeheader()
-                table.writerows(rows)
+            print(rounded(rows[-1]))
+            write_rows(RESULTS / f"transfer-{dimension}.csv", rows)
 
 
 if __name__ == "__main__":

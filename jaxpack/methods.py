@@ -20,7 +20,7 @@ from jaxpack.solvers.bin_by_bin import bin_by_bin
 from jaxpack.solvers.brkga import BrkgaConfig, genetic
 from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
-from jaxpack.solvers.sampling import sampling
+from jaxpack.solvers.sampling import best_of, sampling
 from jaxpack.solvers.search import Draw, Objective, Search, pack_orders, run_rounds
 
 Orders = Callable[[Array, Instance], Array]
@@ -89,15 +89,8 @@ def _bin_aware(name: str, problem: Problem, options: MethodOptions, objective: O
     assert isinstance(network, BinAwareConfig)
 
     def draw(keys: Array, instances: Instance) -> Array:
-        kinds = min(options.kinds or instances.mask.shape[1], instances.mask.shape[1])
         return sample_orders(
-            problem,
-            policy.config.policy,
-            policy.params,
-            instances,
-            keys,
-            kinds,
-            network.temperature,
+            problem, network, policy.params, instances, keys, options.kinds, network.temperature
         )
 
     if name == "bin-aware":
@@ -148,9 +141,9 @@ def _greedy(problem: Problem, policy: Policy, options: MethodOptions) -> Orders:
 
 
 def _best_of(problem: Problem, draw: Draw, samples: int, objective: Objective) -> Method:
-    chunk = min(samples, 50)
-    search = sampling(problem, draw, objective, chunk, samples)
-    return Method(partial(run_rounds, search, rounds=-(-samples // chunk)))
+    """The best of a count; as a search it goes on drawing, so many at a time."""
+    orders = partial(best_of, problem, draw=draw, samples=samples, objective=objective)
+    return Method(orders, sampling(problem, draw, objective, min(samples, 50)))
 
 
 def _beam(

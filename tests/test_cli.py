@@ -110,7 +110,7 @@ def test_a_time_limit_is_kept(run_door):
     done = run_door("evaluate", "paper-2d", *options, "--time-limit", "0.05")
     assert done.returncode == 0, done.stderr
     (row,) = json.loads((run_door.home / "limit.json").read_text())
-    assert 20 < row["ms_per_instance"] < 100  # other tests share the cores
+    assert 25 < row["ms_per_instance"] < 75
 
 
 BAD = [

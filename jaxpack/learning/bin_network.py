@@ -3,7 +3,7 @@
 Every kind of item that remains is a row: what it is, where the rule would put it in the current
 bin and what it would touch there. The context is the height map as a histogram of levels and
 what is left to pack. Rows pass through shared layers (they meet in two pooled means), so K, the
-bin and the sizes may be others than in training. F is the number of a row's features, G of the
+bin and the sizes may be others than in training. R is the number of a row's features, G of the
 context's, D the width of the layers; all come last.
 """
 
@@ -49,7 +49,7 @@ class BinAwareConfig:
 class Sight(NamedTuple):
     """What the network sees before a choice."""
 
-    rows: Array  # float32 [K, B, F]
+    rows: Array  # float32 [K, B, R]
     context: Array  # float32 [B, G]
     remaining: Array  # int32 [K, B]
     fits: Array  # bool [K, B]
@@ -68,7 +68,7 @@ def look(
 def _row_features(
     problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
 ) -> Array:
-    """What each row is: float32 [K, B, F], lengths relative to the bin's sides."""
+    """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     area = jnp.maximum(length * width, 1)

@@ -60,7 +60,7 @@ def run_for(search: Search, keys: Array, instances: Instance, seconds: float) ->
     begun = time.perf_counter()
     state = jax.block_until_ready(search.start(keys, instances))
     longest, now = 0.0, time.perf_counter()
-    while now + longest < begun + seconds:
+    while now + longest <= begun + seconds:
         state = jax.block_until_ready(search.advance(instances, state))
         before, now = now, time.perf_counter()
         longest = max(longest, now - before)
