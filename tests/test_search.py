@@ -109,11 +109,8 @@ class Clock:
         (0.5, [0.07], 7),  # an eighth would end late
         (0.4, [0.3], 1),  # the first is begun blind, a second would end late
         (0.1, [0.3], 1),
-        (
-            1.0,
-            [0.1, 0.4, 0.1],
-            3,
-        ),  # after 0.6 s one as long as the longest ends in time, not after 0.7
+        # After 0.625 s one as long as the longest still ends in time, not after 0.75.
+        (1.0, [0.125, 0.375, 0.125], 4),
     ],
 )
 def test_a_time_limit_is_kept_and_used(limit, durations, rounds, monkeypatch):
