@@ -74,14 +74,22 @@ class Problem:
         return replace(self, bin=(sides[0], sides[1], sides[2]), largest=(largest[0], largest[1]))
 
     def cells_needed(self, area: Array) -> Array:
-        """Cells that must support a footprint of ``area`` cells, exactly, in integers."""
-        share = Fraction(self.support).limit_denominator(10_000)
-        # Whole multiples of the denominator apart: area * numerator may not fit 32 bits.
-        whole, rest = jnp.divmod(area, share.denominator)
-        scaled = rest * share.numerator
-        if self.inclusive:
-            return whole * share.numerator - (-scaled // share.denominator)
-        return whole * share.numerator + scaled // share.denominator + 1
+        """Cells that must support a footprint of ``area`` cells; see `area_needed`."""
+        return area_needed(self.support, self.inclusive, area)
+
+
+def area_needed(support: float, inclusive: bool, area: Array) -> Array:
+    """The least area, in whole units, that is (more than) a share of ``area``: int32 [...].
+
+    Exact, in integers; the share is taken to four digits.
+    """
+    share = Fraction(support).limit_denominator(10_000)
+    # Whole multiples of the denominator apart: area * numerator may not fit 32 bits.
+    whole, rest = jnp.divmod(area, share.denominator)
+    scaled = rest * share.numerator
+    if inclusive:
+        return whole * share.numerator - (-scaled // share.denominator)
+    return whole * share.numerator + scaled // share.denominator + 1
 
 
 class Instance(NamedTuple):

@@ -1,0 +1,175 @@
+"""The judge without a grid: first fit over bins of several sizes, with a limit on their weight."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.packing.height_map import Triple
+from jaxpack.packing.problem import area_needed
+from jaxpack.packing.top_faces import (
+    Edges,
+    Faces,
+    add_edge,
+    first_edges,
+    first_rows,
+    lowest_corner,
+    no_edges,
+    no_faces,
+    put_on,
+    rest_on,
+)
+
+STAGES = (4, 8, 16, 32, 64, 128, 256)
+"""A bin with so many items or fewer costs no more than one with exactly so many."""
+SLACK = 1 + 1e-5  # of volumes, which are sums in float32
+
+
+@dataclass(frozen=True)
+class ExactRules:
+    """What stays fixed while a program runs: hashable, a static argument of ``jit``."""
+
+    most: int  # M, items that a bin can hold
+    flat: bool = False  # 2D: nothing ever lies behind anything
+    support: float = 0.5  # share of a footprint that must be carried, 0 to 1
+    inclusive: bool = True  # whether exactly that share is enough
+
+
+class Items(NamedTuple):
+    """Items in packing order, turned as they are to be packed; a trailing batch axis."""
+
+    size: Array  # int32 [N, 3, B], units: along x, y and z
+    weight: Array  # int32 [N, B], units of weight
+    waiting: Array  # bool [N, B], False for what is not to be packed
+
+
+class Bins(NamedTuple):
+    """The bins in the order in which they are filled."""
+
+    size: Array  # int32 [S, 3, B], units
+    limit: Array  # int32 [S, B], units of weight
+
+
+class Layout(NamedTuple):
+    """Where every item went."""
+
+    bin: Array  # int32 [N, B], index of the bin; -1 for what was not packed
+    corner: Array  # int32 [N, 3, B], units
+
+
+class _Open(NamedTuple):
+    """The bin that each batch member is filling."""
+
+    slot: Array  # int32 [B]
+    next: Array  # int32 [B], the items before this one have been offered
+    faces: Faces
+    x: Edges
+    y: Edges
+    weight: Array  # int32 [B], that may still be loaded
+    volume: Array  # float32 [B], that is still free
+
+
+def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
+    """Packs the items in their order, first fit, over the bins in theirs.
+
+    A turn offers one item to one bin, in every batch member to its own. Items that are too
+    heavy or too large for what is free are passed over without a turn.
+    """
+    N, _, B = items.size.shape
+    S = bins.limit.shape[0]
+    lane = jnp.arange(B)
+    index = jnp.arange(N)[:, None]
+    needed = area_needed(rules.support, rules.inclusive, items.size[:, 0] * items.size[:, 1])
+    volume = items.size.astype(jnp.float32).prod(1)
+    room_volume = bins.size.astype(jnp.float32).prod(1) * SLACK
+
+    def opened(slot: Array) -> _Open:
+        inside = jnp.minimum(slot, S - 1)
+        return _Open(
+            slot,
+            jnp.zeros(B, jnp.int32),
+            no_faces(rules.most, B),
+            no_edges(rules.most + 1, B),
+            no_edges(1 if rules.flat else rules.most + 1, B),
+            jnp.where(slot < S, bins.limit[inside, lane], -1),
+            jnp.where(slot < S, room_volume[inside, lane], 0),
+        )
+
+    def next_item(current: _Open, waiting: Array) -> Array:
+        """int32 [B], N where there is none: the first that may fit and was not offered yet."""
+        light = (items.weight <= current.weight) & (volume <= current.volume)
+        suited = waiting & light & (index >= current.next) & (current.faces.used < rules.most)
+        return jnp.where(suited, index, N).min(0)
+
+    def turn(carry: tuple[_Open, Array, Layout]) -> tuple[_Open, Array, Layout]:
+        current, waiting, layout = carry
+        item = next_item(current, waiting)
+        full = item == N
+        fresh = opened(current.slot + 1)
+        current = jax.tree.map(lambda new, old: jnp.where(full, new, old), fresh, current)
+        item = jnp.where(full, next_item(fresh, waiting), item)
+        found, item = item < N, jnp.minimum(item, N - 1)
+        sides = items.size[item, :, lane].T
+        size = (sides[0], sides[1], sides[2])
+        room = bins.size[jnp.minimum(current.slot, S - 1), :, lane].T
+        corner, fits = _place(
+            rules, current, size, needed[item, lane], (room[0], room[1], room[2]), found
+        )
+        where = jnp.where(fits, item, N)
+        layout = Layout(
+            layout.bin.at[where, lane].set(current.slot, mode="drop"),
+            layout.corner.at[where, :, lane].set(jnp.stack(corner).T, mode="drop"),
+        )
+        current = current._replace(
+            next=jnp.where(found, item + 1, current.next),
+            faces=put_on(current.faces, size, corner, fits),
+            x=add_edge(current.x, corner[0] + size[0], fits),
+            y=current.y if rules.flat else add_edge(current.y, corner[1] + size[1], fits),
+            weight=current.weight - jnp.where(fits, items.weight[item, lane], 0),
+            volume=current.volume - jnp.where(fits, volume[item, lane], 0),
+        )
+        return current, waiting.at[where, lane].set(False, mode="drop"), layout
+
+    def more(carry: tuple[_Open, Array, Layout]) -> Array:
+        current, waiting, _ = carry
+        return (waiting.any(0) & (current.slot < S)).any()
+
+    nothing = Layout(jnp.full((N, B), -1, jnp.int32), jnp.zeros((N, 3, B), jnp.int32))
+    start = (opened(jnp.zeros(B, jnp.int32)), items.waiting, nothing)
+    _, _, layout = jax.lax.while_loop(more, turn, start)
+    return layout
+
+
+def _place(
+    rules: ExactRules, current: _Open, size: Triple, needed: Array, room: Triple, found: Array
+) -> tuple[Triple, Array]:
+    """(corner, whether it fits) of the item, looking at no more rows and edges than are in use."""
+    faces, x, y = current.faces, current.x, current.y
+    rows = [stage for stage in STAGES if stage < rules.most] + [rules.most]
+    pairs = [(few, few + 1) for few in rows]
+    if not rules.flat:
+        # Equal items have common edges: there are fewer of those than of items.
+        pairs = [
+            (few, edges)
+            for few in rows[1::2] + rows[-1:]
+            for edges in (few // 4, few // 2, few + 1)
+        ]
+    pairs = sorted(set(pairs))
+
+    def among(few: int, edges: int) -> Callable[[], tuple[Triple, Array]]:
+        def place() -> tuple[Triple, Array]:
+            xs, ys = first_edges(x, edges), first_edges(y, edges)
+            return lowest_corner(
+                xs, ys, rest_on(first_rows(faces, few), xs, ys, size, needed, room)
+            )
+
+        return place
+
+    most_rows = jnp.where(found, faces.used, 0).max()
+    most_edges = jnp.where(found, jnp.maximum(x.used, y.used), 0).max()
+    able = jnp.asarray([[few, edges] for few, edges in pairs]) >= jnp.stack([most_rows, most_edges])
+    corner, fits = jax.lax.switch(jnp.argmax(able.all(1)), [among(*pair) for pair in pairs])
+    return corner, fits & found

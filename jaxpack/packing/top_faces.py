@@ -1,0 +1,129 @@
+"""The kernel without a grid: a bin is the list of the top faces of what lies in it.
+
+Lengths are whole units as fine as wanted: one placement costs by the number of items in the bin
+and not by its resolution. The rule is the height map's: an item comes down from above, rests on
+the highest face under its footprint, and enough of the footprint must lie on faces of exactly
+that height. A face that is partly covered needs no care: whatever covers it is higher.
+
+Arrays have a trailing batch axis B, as in `height_map`. M is the most items that a bin holds, X
+and Y are numbers of candidate coordinates. Areas of footprints must fit int32.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxpack.packing.height_map import Triple
+
+NOWHERE = np.iinfo(np.int32).max
+"""The resting height where an item is not allowed, the coordinate that is none."""
+FARTHEST = NOWHERE // 2
+
+
+class Faces(NamedTuple):
+    """What lies in one bin, seen from above; rows that are not used are all zero."""
+
+    near_x: Array  # int32 [M, B], units
+    far_x: Array
+    near_y: Array
+    far_y: Array
+    top: Array
+    used: Array  # int32 [B], rows in use
+
+
+class Edges(NamedTuple):
+    """Candidate coordinates along one axis, each once; the rest is NOWHERE."""
+
+    at: Array  # int32 [M, B], units
+    used: Array  # int32 [B], rows in use
+
+
+def no_faces(most: int, batch: int) -> Faces:
+    """An empty bin with room for `most` items."""
+    nothing = jnp.zeros((most, batch), jnp.int32)
+    return Faces(nothing, nothing, nothing, nothing, nothing, jnp.zeros(batch, jnp.int32))
+
+
+def no_edges(most: int, batch: int) -> Edges:
+    """The candidates in an empty bin: 0."""
+    at = jnp.full((most, batch), NOWHERE).at[0].set(0)
+    return Edges(at, jnp.ones(batch, jnp.int32))
+
+
+def add_edge(edges: Edges, far: Array, fits: Array) -> Edges:
+    """With the far edge (int32 [B]) of what was placed where it fits."""
+    new = fits & (edges.at != far).all(0)
+    here = (jnp.arange(edges.at.shape[0])[:, None] == edges.used) & new
+    return Edges(jnp.where(here, far, edges.at), edges.used + new)
+
+
+def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, room: Triple) -> Array:
+    """Resting height of an item at every candidate position, NOWHERE where it is not allowed.
+
+    Args:
+        xs, ys: int32 [X, B] and [Y, B], candidate coordinates of the corner.
+        size: length, width, height of the item: int32 [B] each.
+        needed: int32 [B], area that must lie on faces at the resting height.
+        room: length, width, height of the bin: int32 [B] each.
+
+    Returns:
+        int32 [X, Y, B].
+    """
+    over_x = _overlap(xs, size[0], faces.near_x, faces.far_x)[:, None]
+    over_y = _overlap(ys, size[1], faces.near_y, faces.far_y)[None]
+    under = (over_x > 0) & (over_y > 0)  # [X, Y, M, B]
+    z = jnp.where(under, faces.top, 0).max(2)
+    level = under & (faces.top == z[:, :, None])
+    carried = jnp.where(level, over_x * over_y, 0).sum(2)
+    carried = jnp.where(z == 0, size[0] * size[1], carried)  # the floor
+    inside = (xs <= room[0] - size[0])[:, None] & (ys <= room[1] - size[1])
+    allowed = inside & (z <= room[2] - size[2]) & (carried >= needed)
+    return jnp.where(allowed, z, NOWHERE)
+
+
+def lowest_corner(xs: Array, ys: Array, z: Array) -> tuple[Triple, Array]:
+    """Minimum z, then y, then x: ((x, y, z) int32 [B] each, fits bool [B])."""
+    z_best = z.min((0, 1))
+    at_best = z == z_best
+    y_best = jnp.where(at_best, ys, NOWHERE).min((0, 1))
+    x_best = jnp.where(at_best & (ys == y_best), xs[:, None], NOWHERE).min((0, 1))
+    return (x_best, y_best, z_best), z_best < NOWHERE
+
+
+def put_on(faces: Faces, size: Triple, corner: Triple, fits: Array) -> Faces:
+    """The faces after an item of `size` has come to rest at `corner`, where it fits."""
+    x, y, z = corner
+    row = jnp.arange(faces.top.shape[0])[:, None]
+    here = (row == faces.used) & fits
+
+    def write(column: Array, value: Array) -> Array:
+        return jnp.where(here, value, column)
+
+    return Faces(
+        near_x=write(faces.near_x, x),
+        far_x=write(faces.far_x, x + size[0]),
+        near_y=write(faces.near_y, y),
+        far_y=write(faces.far_y, y + size[1]),
+        top=write(faces.top, z + size[2]),
+        used=faces.used + fits,
+    )
+
+
+def first_rows(faces: Faces, rows: int) -> Faces:
+    """The same where no more than so many rows are in use: less to look through."""
+    near_x, far_x, near_y, far_y, top = (column[:rows] for column in faces[:5])
+    return Faces(near_x, far_x, near_y, far_y, top, faces.used)
+
+
+def first_edges(edges: Edges, rows: int) -> Array:
+    """The candidates where no more than so many rows are in use: int32 [rows, B]."""
+    return edges.at[:rows]
+
+
+def _overlap(starts: Array, length: Array, near: Array, far: Array) -> Array:
+    """Length that [start, start + length] shares with [near, far], below 1 if none: [X, M, B]."""
+    starts = jnp.minimum(starts, FARTHEST)  # NOWHERE plus a length would overflow
+    ends = starts + length
+    return jnp.minimum(ends[:, None], far) - jnp.maximum(starts[:, None], near)
