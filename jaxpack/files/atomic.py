@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,7 +16,7 @@ def replace_file(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
     Raises:
         UserError: where the folder is missing or may not be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    beside = _beside(path)
     try:
         with open(beside, mode) as file:
             yield file
@@ -24,6 +24,33 @@ def replace_file(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
             os.fsync(file.fileno())
         os.replace(beside, path)
     except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another") from error
+        raise _unwritable(path, error) from error
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink()
+
+
+def check_writable(path: Path) -> None:
+    """Checks that `replace_file` could write there, before there is anything to write.
+
+    Raises:
+        UserError: where it could not.
+    """
+    if not path.name or os.path.isdir(path):  # unlike that of Path false for a name too long
+        raise UserError(f"{path}: is a folder; name a file in it")
+    if not os.path.isdir(path.absolute().parent):
+        raise UserError(f"{path}: its folder does not exist; make it first")
+    beside = _beside(path)
+    try:
+        beside.touch()
+        beside.unlink()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
+def _unwritable(path: Path, error: OSError) -> UserError:
+    return UserError(f"{path}: cannot be written ({error.strerror}); choose another")

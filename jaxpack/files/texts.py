@@ -1,0 +1,193 @@
+"""Text, JSON and numbers: read so that every error says where it is, and written.
+
+Whatever is wrong comes out as a `UserError` of one line: where, what, and what to do.
+"""
+
+import json
+import math
+import re
+import reprlib
+from collections.abc import Iterable
+from decimal import Decimal
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import replace_file
+
+LARGEST = 1e9  # of a size or weight; its inverse is the smallest size
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
+def fault(*parts: object) -> UserError:
+    """A UserError that says `parts` in one line."""
+    text = ": ".join(str(part) for part in parts)
+    return UserError("".join(c if c.isprintable() else "?" for c in text))
+
+
+def show(value: object) -> str:
+    """A value in a message, shortened."""
+    return reprlib.repr(value)
+
+
+def plain(number: float) -> int | float:
+    """A number as it is written: without a trailing .0, and no NumPy type."""
+    number = float(number)
+    return int(number) if number.is_integer() and abs(number) < 1e15 else number
+
+
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file, with or without a byte order mark.
+
+    Raises:
+        UserError: where it cannot be read, is empty or is not UTF-8 text.
+    """
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL in it
+        reason = getattr(error, "strerror", None) or error
+        raise fault(path, f"cannot be read ({reason}); give a file that can") from error
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data.count(b"\n", 0, error.start) + 1
+        raise fault(path, f"row {row}", "not UTF-8 text; save it as UTF-8 text") from error
+    if "\0" in text:
+        row = text.count("\n", 0, text.index("\0")) + 1
+        raise fault(path, f"row {row}", "a NUL byte, not text; save it as UTF-8 text")
+    if not text.strip():
+        raise fault(path, "the file is empty")
+    return text
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a UTF-8 file, whole or not at all.
+
+    Raises:
+        UserError: where it cannot be written.
+    """
+    if not path.name:
+        raise fault(path, "names no file: give one")
+    with replace_file(path, "wb") as file:
+        # Half a character, which JSON can name but UTF-8 cannot, becomes its JSON escape.
+        file.write(text.encode("utf-8", "backslashreplace"))
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds.
+
+    Raises:
+        UserError: where it cannot be read or is not JSON, a key that is there twice included.
+    """
+    text = read_text(path)
+    try:
+        return json.loads(text, object_pairs_hook=_each_once)
+    except json.JSONDecodeError as error:
+        place = f"row {error.lineno}, column {error.colno}"
+        raise fault(path, place, f"not JSON ({error.msg}); correct it") from error
+    except (ValueError, RecursionError) as error:  # too long a number, too deep a nesting
+        raise fault(path, f"cannot be read as JSON ({error}); correct it") from error
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    # `json` keeps the last of two equal keys: items would be lost without a word.
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"key {show(twice)} is there twice")
+    return table
+
+
+def member(data: Any, key: str, kind: type, where: str) -> Any:
+    """`data[key]`, a value of that kind, from JSON.
+
+    Raises:
+        UserError: where `data` is no object, or its key is missing or of another kind.
+    """
+    if not isinstance(data, dict):
+        raise fault(where, f"expected an object with key '{key}', found {show(data)}")
+    if key not in data:
+        raise fault(where, f"key '{key}' is missing: add it")
+    if not isinstance(data[key], kind):
+        name = {"dict": "an object", "list": "a list", "str": "a text"}[kind.__name__]
+        raise fault(where, f"key '{key}'", f"expected {name}, found {show(data[key])}")
+    return data[key]
+
+
+def member_index(data: Any, key: str, count: int, where: str) -> int:
+    """`data[key]`, a whole number from 0 and below `count`; UserError if not."""
+    return as_whole(member(data, key, object, where), f"{where}, key '{key}'", 0, count - 1)
+
+
+def member_vector(data: Any, key: str, where: str) -> tuple[float, float, float]:
+    """`data[key]`, a list of three finite numbers; UserError if not."""
+    values = member(data, key, list, where)
+    if len(values) != 3:
+        raise fault(where, f"key '{key}'", f"{len(values)} numbers: give one for x, y and z each")
+    x, y, z = (as_number(value, f"{where}, key '{key}'") for value in values)
+    return x, y, z
+
+
+def json_line(value: object) -> str:
+    """A value as JSON in one line."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def json_lines(values: Iterable[str], indent: str) -> str:
+    """A JSON list with a line for each of its values, which are JSON already."""
+    rows = [f"\n{indent}{value}" for value in values]
+    return f"[{','.join(rows)}]"
+
+
+def as_number(value: object, where: str) -> float:
+    """A finite number from a number or its text.
+
+    Raises:
+        UserError: where it is none.
+    """
+    if value is None or (isinstance(value, str) and not value.strip()):
+        raise fault(where, "empty: give a number")
+    if isinstance(value, str):
+        number = float(value) if _NUMBER.fullmatch(value.strip()) else None
+    elif isinstance(value, Real | Decimal) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except (OverflowError, ValueError):  # an int or a Decimal that has no float
+            number = math.inf
+    else:
+        number = None
+    if number is None:
+        raise fault(where, f"{show(value)} is not a number: give one such as 12.5")
+    if not math.isfinite(number):
+        raise fault(where, f"{number} is not a finite number: give one such as 12.5")
+    return number
+
+
+def as_size(value: object, where: str) -> float:
+    """The length of a side: more than 0, between 1e-9 and 1e9; UserError if not."""
+    number = as_number(value, where)
+    if number <= 0:
+        raise fault(where, f"{plain(number)} is not a size: give more than 0")
+    if not 1 / LARGEST <= number <= LARGEST:
+        raise fault(where, f"{number:g} is out of range: choose a unit with sizes in 1e-9 to 1e9")
+    return number
+
+
+def as_weight(value: object, where: str) -> float:
+    """A weight: 0 to 1e9; UserError if not."""
+    number = as_number(value, where)
+    if not 0 <= number <= LARGEST:
+        raise fault(where, f"{plain(number)} is not a weight: give 0 to 1e9")
+    return number
+
+
+def as_whole(value: object, where: str, low: int, high: int | None = None) -> int:
+    """A whole number, at least `low` and at most `high`; UserError if not."""
+    number = as_number(value, where)
+    if not number.is_integer() or number < low or (high is not None and number > high):
+        limits = f"at least {low}" if high is None else f"{low} to {high}"
+        raise fault(where, f"{plain(number)} is not possible: give a whole number, {limits}")
+    return int(number)
