@@ -1,0 +1,283 @@
+"""The independent check of a plan: it accepts what the rules allow and names what they do not."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxpack.loading.figures import PlanFigures, fill, plan_figures, total_cost
+from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.loading.validate import InvalidPlanError, check_plan, plan_violations
+
+# A plan by hand in steps of 0.1, a side view along x with z upwards:
+#
+#   bin 0   z=0.3-0.4  0 0 0 . . .      item 0: 0.3 x 0.3 x 0.1, three of them
+#           z=0.1-0.3  1 1 1 1 1 1      item 1: 0.6 x 0.3 x 0.2, may be turned flat
+#           z=0.0-0.1  0 0 0 0 0 0      item 2: 0.2 x 0.2 x 0.5, alone in bin 1
+JOB = Job(
+    items=(
+        ItemType((0.3, 0.3, 0.1), copies=3, weight=0.1),
+        ItemType((0.6, 0.3, 0.2), weight=5, orientations=("XYZ", "YXZ")),
+        ItemType((0.2, 0.2, 0.5)),
+    ),
+    bins=(
+        BinType((1.0, 0.6, 0.5), copies=1, max_weight=5.3, cost=7),
+        BinType((0.5, 0.5, 0.5)),
+    ),
+)
+FIRST = (
+    Placement(0, "XYZ", (0, 0, 0)),
+    Placement(0, "XYZ", (0.3, 0, 0)),
+    Placement(1, "XYZ", (0, 0, 0.1)),
+    Placement(0, "XYZ", (0, 0, 0.3)),
+)
+SECOND = (Placement(2, "XYZ", (0.3, 0.3, 0)),)
+PLAN = Plan((PackedBin(0, FIRST), PackedBin(1, SECOND)))
+
+
+def found(plan=PLAN, job=JOB, **rules):
+    return list(plan_violations(job, plan, **rules))
+
+
+def moved(turn, *corner, orientation="XYZ"):
+    """The plan with another place for one item of bin 0."""
+    first = list(FIRST)
+    first[turn] = Placement(first[turn].item, orientation, corner)
+    return with_first(*first)
+
+
+def with_first(*placements, kind=0):
+    return Plan((PackedBin(kind, tuple(placements)), PLAN.bins[1]))
+
+
+def test_the_plan_by_hand_is_valid():
+    assert found() == []
+    assert found(support=1.0) == []
+    check_plan(JOB, PLAN)
+    check_plan(JOB, moved(3, 0.3, 0.0, 0.3))
+    turned = moved(2, 0, 0, 0.1, orientation="YXZ").bins[0].placements[:3]
+    check_plan(JOB, replace(with_first(*turned), left_out=(0,)))
+
+
+def named(plan, turn, rule):
+    """The message about one item of bin 0."""
+    return f"bin 0 item {plan.bins[0].placements[turn].item} (loaded as number {turn}): {rule}"
+
+
+OVER = "the item loaded as number {} is over it: not reachable from above"
+FLOATS = "floats: its bottom is at {}, but what it can rest on at {}"
+
+
+@pytest.mark.parametrize(
+    ("change", "plan", "expected"),
+    [
+        (
+            "a block a step sideways, into the next",
+            moved(0, 0.1, 0, 0),
+            [(1, "overlaps the item loaded as number 0")],
+        ),
+        ("the block on top lifted", moved(3, 0, 0, 0.4), [(3, FLOATS.format(0.4, 0.3))]),
+        (
+            "the block on top beside the others, in the air",
+            moved(3, 0.7, 0, 0.3),
+            [(3, FLOATS.format(0.3, 0))],
+        ),
+        (
+            "the block on top sunk",
+            moved(3, 0, 0, 0.2),
+            [(3, "overlaps the item loaded as number 2")],
+        ),
+        (
+            "the plank and the block on it loaded in the other order",
+            with_first(FIRST[0], FIRST[1], FIRST[3], FIRST[2]),
+            [(3, OVER.format(2)), (2, FLOATS.format(0.3, 0.1))],
+        ),
+        (
+            "a block loaded after the plank that is over it",
+            with_first(FIRST[0], FIRST[2], FIRST[1], FIRST[3]),
+            [(2, OVER.format(1))],
+        ),
+        (
+            "out at the end",
+            moved(3, 0.8, 0, 0),
+            [(3, "outside the bin: x from 0.8 to 1.1 of 0 to 1")],
+        ),
+        (
+            "out at the front",
+            moved(3, 0.7, -0.1, 0),
+            [(3, "outside the bin: y from -0.1 to 0.2 of 0 to 0.6")],
+        ),
+        (
+            "an orientation that is not allowed",
+            moved(3, 0.7, 0, 0, orientation="ZYX"),
+            [(3, "orientation ZYX is not allowed")],
+        ),
+    ],
+)
+def test_a_changed_place_is_reported(change, plan, expected):
+    messages = [named(plan, turn, rule) for turn, rule in expected]
+    assert found(plan) == messages, change
+    with pytest.raises(InvalidPlanError) as error:
+        check_plan(JOB, plan)
+    assert str(error.value) == "; ".join(messages)
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        (with_first(*FIRST[:3]), "item 0: 3 to pack, but 2 packed (bins 0) and 0 left out"),
+        (
+            replace(PLAN, left_out=(2,)),
+            "item 2: 1 to pack, but 1 packed (bins 1) and 1 left out",
+        ),
+        (
+            Plan((*PLAN.bins, PLAN.bins[1])),
+            "item 2: 1 to pack, but 2 packed (bins 1, 2) and 0 left out",
+        ),
+        (
+            Plan((PLAN.bins[0], PackedBin(0, SECOND))),
+            "bin 1: there are only 1 of bin type 0",
+        ),
+        (Plan((*PLAN.bins, PackedBin(1, ()))), "bin 2: it holds no item"),
+        (with_first(*FIRST, kind=2), "bin 0: there is no bin type 2"),
+        (
+            with_first(*FIRST, Placement(-1, "XYZ", (0.7, 0, 0))),
+            "bin 0 item -1: there is no such item",
+        ),
+        (replace(PLAN, left_out=(3,)), "left out item 3: there is no such item"),
+        (
+            moved(3, 0.7, 0, 0, orientation="ABC"),
+            "bin 0 item 0: there is no orientation ABC",
+        ),
+        (
+            moved(3, 0, math.nan, 0.3),
+            "bin 0 item 0: its corner (0, nan, 0.3) is no position",
+        ),
+    ],
+)
+def test_a_changed_list_is_reported(plan, message):
+    assert found(plan) == [message]
+
+
+def test_weight():
+    """Three times 0.1 and 5 are 5.3: the limit itself is allowed, whatever floats add up to."""
+    over = replace(JOB, items=(replace(JOB.items[0], weight=0.11), *JOB.items[1:]))
+    assert found(job=over) == ["bin 0: its items weigh 5.33, more than 5.3; the heaviest is item 1"]
+    free = replace(over, bins=(replace(JOB.bins[0], max_weight=math.inf), JOB.bins[1]))
+    assert found(job=free) == []
+
+
+@pytest.mark.parametrize(
+    ("x", "rules", "message"),
+    [
+        (0, {}, None),
+        (0, {"inclusive": False}, "50 % of its footprint is supported, not more than 50 %"),
+        (0.001, {}, "49.8333333 % of its footprint is supported, not at least 50 %"),
+        (0.001, {"support": 0.4}, None),
+        (0, {"support": 1.0}, "50 % of its footprint is supported, not at least 100 %"),
+        (0.299, {"support": 0}, None),
+        (0.3, {"support": 0}, "floats: its bottom is at 0.1, but what it can rest on at 0"),
+    ],
+)
+def test_support(x, rules, message):
+    """The plank over one block, at first just half of it."""
+    job = replace(JOB, items=(replace(JOB.items[0], copies=1), JOB.items[1]))
+    plan = Plan((PackedBin(0, (FIRST[0], Placement(1, "XYZ", (x, 0, 0.1)))),))
+    expected = [] if message is None else [f"bin 0 item 1 (loaded as number 1): {message}"]
+    assert found(plan, job, **rules) == expected
+
+
+def test_only_what_ends_at_its_bottom_supports():
+    """Two blocks of different heights under a plank: the lower one carries nothing."""
+    job = Job(
+        (ItemType((2, 1, 2)), ItemType((2, 1, 1)), ItemType((4, 1, 1))), (BinType((4, 1, 4)),)
+    )
+    places = [(0, (0, 0, 0)), (1, (2, 0, 0)), (2, (0, 0, 2))]
+    plan = Plan((PackedBin(0, tuple(Placement(item, "XYZ", at) for item, at in places)),))
+    assert found(plan, job) == []
+    assert found(plan, job, support=0.51) == [
+        "bin 0 item 2 (loaded as number 2): 50 % of its footprint is supported, not at least 51 %"
+    ]
+
+
+def test_slack():
+    """What a computed float misses by is forgiven only where a slack says so."""
+    computed = moved(3, 0, 0, 0.1 + 0.2)
+    assert "floats: its bottom is at 0.3" in found(computed)[0]
+    assert found(computed, slack=1e-9) == []
+    # On a grid of 0.1: sides of 0.28 count as 0.3, so there are gaps, and half of the plank
+    # rests on cells of which the block fills less.
+    items = (ItemType((0.28, 0.28, 0.08), copies=2), ItemType((0.6, 0.28, 0.18)))
+    job = Job(items, (BinType((0.95, 0.6, 0.5)),))
+    places = [(0, (0, 0, 0)), (1, (0, 0, 0.1)), (0, (0.6, 0, 0))]
+    plan = Plan((PackedBin(0, tuple(Placement(item, "XYZ", at) for item, at in places)),))
+    assert [message.split(":")[0] for message in found(plan, job)] == [
+        "bin 0 item 1 (loaded as number 1)"
+    ]
+    assert found(plan, job, slack=0.1) == []
+    assert len(found(plan, job, slack=0.01)) == 1
+
+
+def test_a_slack_still_sees_what_is_larger():
+    assert found(moved(0, 0.1, 0, 0), slack=0.05)
+    assert found(moved(3, 0, 0, 0.4), slack=0.05)
+    assert found(moved(3, 0.8, 0, 0), slack=0.05)
+
+
+@pytest.mark.parametrize("scale", [1, 0.001, 1e9 + 0.1])
+def test_units_change_nothing(scale):
+    """Also where areas are beyond 64 bits: valid stays valid, and a touch is no overlap."""
+    items = tuple(ItemType((side * scale, scale, scale)) for side in (1, 1, 2))
+    job = Job(items, (BinType((2 * scale, scale, 2 * scale)),))
+    corners = [(0, 0, 0), (scale, 0, 0), (0, 0, scale)]
+    places = tuple(Placement(item, "XYZ", corner) for item, corner in enumerate(corners))
+    assert found(Plan((PackedBin(0, places),)), job, support=1.0) == []
+    assert len(found(Plan((PackedBin(0, places[::-1]),)), job)) == 3
+
+
+def test_against_a_height_map():
+    """Random plans on whole numbers, every second one valid: both judge them alike."""
+    random, verdicts = np.random.default_rng(0), []
+    for _ in range(400):
+        sizes = random.integers(1, 4, (6, 3))
+        map_, places, valid = np.zeros((5, 5), int), [], True
+        for item, (x_side, y_side, z_side) in enumerate(sizes.tolist()):
+            x, y = random.integers(0, 6 - x_side), random.integers(0, 6 - y_side)
+            under = map_[x : x + x_side, y : y + y_side]
+            z = max(under.max() + (random.random() < 0.05) - (random.random() < 0.05), 0)
+            fits, rests = z + z_side <= 9, z == under.max()
+            valid &= bool(fits and rests and (under == z).mean() >= 0.3)
+            places.append(Placement(item, "XYZ", (int(x), int(y), int(z))))
+            under[:] = np.maximum(under, z + z_side)
+        job = Job(tuple(ItemType(tuple(size)) for size in sizes.tolist()), (BinType((5, 5, 9)),))
+        plan = Plan((PackedBin(0, tuple(places)),))
+        assert (not found(plan, job, support=0.3)) == valid, (sizes, places)
+        verdicts.append(valid)
+    assert 0.2 < np.mean(verdicts) < 0.8
+
+
+def test_two_dimensions():
+    """x is the width and z the height of the file, y one layer."""
+    job = Job((ItemType((4, 1, 2), orientations=("XYZ", "ZYX")),), (BinType((3, 1, 4)),), 2)
+    standing = Plan((PackedBin(0, (Placement(0, "ZYX", (1, 0, 0)),)),))
+    lying = Plan((PackedBin(0, (Placement(0, "XYZ", (0, 0, 0)),)),))
+    assert found(standing, job) == []
+    assert "outside the bin: x from 0 to 4 of 0 to 3" in found(lying, job)[0]
+
+
+def test_figures():
+    volume = 3 * 0.3 * 0.3 * 0.1 + 0.6 * 0.3 * 0.2
+    first, second = 1.0 * 0.6 * 0.5, 0.5**3
+    figures = plan_figures(JOB, PLAN)
+    expected = PlanFigures(
+        bins=2,
+        utilisation=pytest.approx((volume + 0.2 * 0.2 * 0.5) / (first + second)),
+        weight=pytest.approx(5.3),
+        cost=7.125,
+        left_out=0,
+    )
+    assert figures == expected
+    assert fill(JOB, PLAN.bins[0]) == pytest.approx(volume / first)
+    assert total_cost(JOB, PLAN) == 7.125
+    assert plan_figures(JOB, Plan((), left_out=(0, 0, 0, 1, 2))) == PlanFigures(0, 0, 0, 0, 5)
