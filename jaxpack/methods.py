@@ -10,11 +10,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.errors import UserError
-from jaxpack.files.weights import Policy, load_policy
+from jaxpack.files.weights import load_policy
 from jaxpack.learning.beam import beam_orders
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.policies import greedy_orders, sample_orders
-from jaxpack.learning.recipe import OBJECTIVES
+from jaxpack.learning.recipe import OBJECTIVES, Policy
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.bin_by_bin import bin_by_bin
 from jaxpack.solvers.brkga import BrkgaConfig, genetic

@@ -26,9 +26,8 @@ from jax.typing import ArrayLike
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
-from jaxpack.files.weights import Policy
 from jaxpack.learning.parameters import Params
-from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import TrainState, init_state
 
 

@@ -5,7 +5,6 @@ Both are plain data. Loading never unpickles: nothing in a file is executed.
 
 import json
 import zipfile
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -20,15 +19,7 @@ from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.policies import init_policy
-from jaxpack.learning.recipe import TrainConfig
-
-
-@dataclass(frozen=True)
-class Policy:
-    """A trained policy and the recipe that made it."""
-
-    config: TrainConfig
-    params: Params
+from jaxpack.learning.recipe import Policy, TrainConfig
 
 
 def shipped_policies() -> list[str]:

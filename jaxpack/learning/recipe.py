@@ -6,6 +6,7 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import BinAwareConfig
+from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.policies import Network
 from jaxpack.packing.instances import Cell, Distribution
@@ -106,3 +107,11 @@ class TrainConfig:
     def cost(self, instance: Instance, packing: Packing) -> Array:
         """What the training minimises, of one packing: float32 scalar."""
         return OBJECTIVES[self.objective](instance, packing, self.alpha, self.beta)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A trained policy and the recipe that made it."""
+
+    config: TrainConfig
+    params: Params

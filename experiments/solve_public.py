@@ -1,0 +1,76 @@
+"""Public instances through the solver, each with so many seconds.
+
+python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--seconds 10] [--only TEXT]
+
+Adds a row per instance to results/solve-SET-support-S.csv; instances that have one are left out,
+so that it goes on where it was stopped. Every plan has passed the check.
+"""
+
+import argparse
+import time
+
+from public_instances import read_2bp, read_ivancic
+from rows import RESULTS, read_rows, write_rows
+
+from jaxpack.cli import use_compilation_cache
+from jaxpack.loading.classes import mpv
+from jaxpack.loading.job import Job
+from jaxpack.loading.solver import SolveOptions, solve_job
+from jaxpack.solution import range_policy
+
+DATA = "shared/data"
+MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
+
+
+def instances(name: str, data: str) -> list[tuple[dict, Job]]:
+    """What a row says of the instance, and the instance."""
+    if name == "2bp":
+        return [
+            ({"cls": known["cls"], "n": known["n"], "best_known": known["bks"]}, job)
+            for job, known in read_2bp(f"{data}/2bp_berkey_wang_martello_vigo.json")
+        ]
+    if name == "ivancic":
+        return [({}, job) for job in read_ivancic(f"{data}/3bp_ivancic_thpack9.json")]
+    return [
+        ({"cls": cls, "n": n}, mpv(cls, n, number))
+        for cls in MPV_CLASSES
+        for n in MPV_SIZES
+        for number in range(1, 11)
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("set", choices=("2bp", "mpv", "ivancic"))
+    parser.add_argument("--data", default=DATA, help="folder of the instances")
+    parser.add_argument("--support", type=float, default=0.5)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--no-policy", dest="policy", action="store_false")
+    parser.add_argument("--only", default="", help="instances whose name has this in it")
+    options = parser.parse_args()
+    use_compilation_cache()
+    without = "" if options.policy else "-no-policy"
+    path = RESULTS / f"solve-{options.set}-support-{options.support:g}{without}.csv"
+    rows = read_rows(path)
+    done = {row["instance"] for row in rows}
+    for about, job in instances(options.set, options.data):
+        if job.name in done or options.only not in job.name:
+            continue
+        policy = range_policy(job) if options.policy else None
+        settings = SolveOptions(options.seconds, options.seed, options.support)
+        began = time.perf_counter()
+        found = solve_job(job, settings, policy)
+        if time.perf_counter() - began > options.seconds or found.packings < 1000:
+            # It compiled for the first instance of this shape: once more with what that made.
+            began = time.perf_counter()
+            found = solve_job(job, settings, policy)
+        row = {"instance": job.name, **about, "bins": found.bins, "lower_bound": found.bound}
+        row |= {"seconds": round(time.perf_counter() - began, 2), "packings": found.packings}
+        rows.append(row | {"limited_by": found.limited_by, "limit": options.seconds})
+        print(rows[-1], flush=True)
+        write_rows(path, rows)
+
+
+if __name__ == "__main__":
+    main()

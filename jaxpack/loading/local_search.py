@@ -1,0 +1,166 @@
+"""Local search over orders, orientations and the sequence of bins: many lanes side by side.
+
+Every lane holds one order of the items, how each is turned, and in which sequence bins are
+opened; a round proposes one change per lane, packs it and keeps it if it is not worse by more
+than the temperature allows. Everything a lane holds is an order, the kernel is the judge.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
+
+WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
+UNPACKED = 1_000.0  # cost of leaving everything out
+
+
+class Stock(NamedTuple):
+    """A job for the kernel. K is the number of orientations, S of bins that may be opened."""
+
+    sizes: Array  # int32 [N, K, 3], units, turned in every allowed way; the last one repeated
+    ways: Array  # int32 [N], how many of the K differ
+    weight: Array  # int32 [N]
+    mask: Array  # bool [N], False for padding, which stands last
+    bins: Array  # int32 [S, 3], units
+    limit: Array  # int32 [S]
+    price: Array  # float32 [S], in prices of the cheapest bin
+
+
+class Genes(NamedTuple):
+    """What a lane decides; P lanes."""
+
+    order: Array  # int32 [P, N]
+    turn: Array  # int32 [P, N], orientation of every item
+    pool: Array  # int32 [P, S], sequence of the bins
+
+
+class Lanes(NamedTuple):
+    """The lanes, and the best that any of them has met."""
+
+    key: Array  # typed PRNG key[]
+    genes: Genes
+    bin: Array  # int32 [P, N], bin of every item
+    cost: Array  # float32 [P]
+    best: Genes  # leaves [...]
+    best_cost: Array  # float32[]
+
+
+@partial(jax.jit, static_argnames="rules")
+def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
+    """(bin int32 [P, N], corner int32 [P, N, 3], cost float32 [P]); the rows are the stock's.
+
+    The bin is an index of `Stock.bins`.
+    """
+    lane = jnp.arange(genes.order.shape[0])[:, None]
+    item = genes.order
+    sizes = stock.sizes[item, genes.turn[lane, item]]  # [P, N, 3]
+    items = Items(
+        size=jnp.moveaxis(sizes, 0, -1), weight=stock.weight[item].T, waiting=stock.mask[item].T
+    )
+    bins = Bins(jnp.moveaxis(stock.bins[genes.pool], 0, -1), stock.limit[genes.pool].T)
+    layout = pack_exact(rules, items, bins)
+    slot = layout.bin.T
+    bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
+    by_item = jnp.zeros_like(bin).at[lane, item].set(bin)
+    corner = jnp.zeros_like(sizes).at[lane, item].set(jnp.moveaxis(layout.corner, -1, 0))
+    return by_item, corner, cost_of(stock, by_item)
+
+
+def cost_of(stock: Stock, bin: Array) -> Array:
+    """Price of the bins, then how unevenly they are filled: float32 [P] from [P, N]."""
+    volume = stock.sizes[:, 0].astype(jnp.float32).prod(1) * stock.mask
+    room = jnp.maximum(stock.bins.astype(jnp.float32).prod(1), 1)  # 0 where there is no bin
+    lane = jnp.arange(bin.shape[0])[:, None]
+    packed = bin >= 0
+    held = jnp.zeros((bin.shape[0], room.shape[0])).at[lane, bin].add(volume * packed)
+    price = (stock.price * (held > 0)).sum(1)
+    # Of two packings in equally many bins the one with an emptier bin is nearer to one less.
+    even = (held * held / room).sum(1) / jnp.maximum(held.sum(1), 1e-9)
+    missing = ((~packed & stock.mask) * volume).sum(1) / volume.sum()
+    return price + WEIGHT_OF_FILL * (1 - even) + UNPACKED * missing
+
+
+@partial(jax.jit, static_argnames=("rules", "rounds"))
+def advance(rules: ExactRules, rounds: int, stock: Stock, lanes: Lanes, heat: Array) -> Lanes:
+    """So many rounds; then the worst quarter of the lanes go on from better ones.
+
+    Args:
+        heat: float32[], rises in cost of this size are accepted one time in three.
+    """
+
+    def one_round(lanes: Lanes, step: None) -> tuple[Lanes, None]:
+        key, change_key, coin_key = jax.random.split(lanes.key, 3)
+        P = lanes.cost.shape[0]
+        keys = jax.random.split(change_key, P)
+        genes = jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin)
+        bin, _, cost = pack_lanes(rules, stock, genes)
+        allowed = lanes.cost + heat * jax.random.exponential(coin_key, (P,))
+        kept = cost <= allowed
+        least = jnp.argmin(cost)
+        wins = cost[least] < lanes.best_cost
+        best = jax.tree.map(lambda leaf, old: jnp.where(wins, leaf[least], old), genes, lanes.best)
+        least_cost = jnp.minimum(lanes.best_cost, cost[least])
+        genes, bin, cost = jax.tree.map(
+            lambda leaf, old: jnp.where(kept.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, old),
+            (genes, bin, cost),
+            (lanes.genes, lanes.bin, lanes.cost),
+        )
+        return Lanes(key, genes, bin, cost, best, least_cost), None
+
+    lanes, _ = jax.lax.scan(one_round, lanes, None, length=rounds)
+    P = lanes.cost.shape[0]
+    rank = jnp.argsort(lanes.cost)
+    source = rank.at[P - P // 4 :].set(rank[: P // 4])
+    genes, bin, cost = jax.tree.map(lambda leaf: leaf[source], (lanes.genes, lanes.bin, lanes.cost))
+    return lanes._replace(genes=genes, bin=bin, cost=cost)
+
+
+@partial(jax.jit, static_argnames="rules")
+def join(rules: ExactRules, stock: Stock, lanes: Lanes, others: Genes) -> Lanes:
+    """The best of the lanes and of other genes, as many as there are lanes."""
+    bin, _, cost = pack_lanes(rules, stock, others)
+    both = jax.tree.map(
+        lambda one, other: jnp.concatenate([one, other]),
+        (lanes.genes, lanes.bin, lanes.cost),
+        (others, bin, cost),
+    )
+    rank = jnp.argsort(both[2])[: len(lanes.cost)]
+    genes, bin, cost = jax.tree.map(lambda leaf: leaf[rank], both)
+    wins = cost[0] < lanes.best_cost
+    best = jax.tree.map(lambda leaf, old: jnp.where(wins, leaf[0], old), genes, lanes.best)
+    return Lanes(lanes.key, genes, bin, cost, best, jnp.minimum(cost[0], lanes.best_cost))
+
+
+def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:
+    """One random change of one lane."""
+    keys = jax.random.split(key, 8)
+    N, S = genes.order.shape[0], genes.pool.shape[0]
+    count = stock.mask.sum()
+    place = jnp.arange(N, dtype=jnp.float32)
+    one, two = jax.random.randint(keys[0], (2,), 0, count)
+    swapped = place.at[one].set(two).at[two].set(one)
+    moved = place.at[one].set(two + jnp.where(two > one, 0.5, -0.5))
+    # The items of one bin before all others.
+    in_order = bin[genes.order]
+    mine = in_order == in_order[one]
+    dissolved = jnp.where(mine, place - N, place)
+    # Part of a bin last: what remains there settles anew.
+    choice = jax.random.uniform(keys[1])
+    rank = jnp.where(choice < 0.35, swapped, jnp.where(choice < 0.7, moved, place))
+    rank = jnp.where((choice >= 0.7) & (choice < 0.8), dissolved, rank)
+    order = genes.order[jnp.argsort(jnp.where(jnp.arange(N) < count, rank, place))]
+    item = genes.order[one]
+    turns = (choice >= 0.8) | (jax.random.uniform(keys[2]) < 0.1)
+    way = jax.random.randint(keys[3], (), 0, stock.ways[item])
+    turn = genes.turn.at[item].set(jnp.where(turns, way, genes.turn[item]))
+    used = (jnp.zeros(S).at[bin].add(bin >= 0) > 0).sum()
+    first = jax.random.randint(keys[4], (), 0, jnp.minimum(used + 1, S))
+    second = jax.random.randint(keys[5], (), 0, S)
+    exchanged = genes.pool.at[first].set(genes.pool[second]).at[second].set(genes.pool[first])
+    several = (stock.price.max() > stock.price.min()) | (stock.bins != stock.bins[0]).any()
+    pool = jnp.where(several & (jax.random.uniform(keys[6]) < 0.2), exchanged, genes.pool)
+    return Genes(order, turn, pool)

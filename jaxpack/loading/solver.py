@@ -1,0 +1,255 @@
+"""From a job to a plan, in the time that is given: the best of everything that was tried."""
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from queue import Empty, Queue
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpack.learning.recipe import Policy
+from jaxpack.loading.exact import exact
+from jaxpack.loading.figures import cost_bound, lower_bound, total_cost
+from jaxpack.loading.job import Job, Placement, Plan, Sides
+from jaxpack.loading.learned import policy_genes
+from jaxpack.loading.local_search import (
+    Genes,
+    Lanes,
+    advance,
+    join,
+    pack_lanes,
+)
+from jaxpack.loading.stock import Loading, first_genes, load_job, plan_of
+from jaxpack.loading.units import units_of
+from jaxpack.loading.validate import check_plan
+
+T = TypeVar("T")
+
+LANES = 32
+ROUNDS = 8  # per dispatch
+HEAT = 0.02  # of the annealing at the start, in bins
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to pack."""
+
+    time_limit: float = 10.0  # seconds, compilation included
+    seed: int = 0
+    support: float = 0.5  # least share of a footprint that must be carried
+    resolution: float | None = None  # round sizes up to this grid; exact if not given
+    skip_unfit: bool = False
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The best plan so far."""
+
+    plan: Plan
+    bins: int
+    cost: float
+    bound: int  # no plan has fewer bins
+    seconds: float  # since the start
+    packings: int  # tried so far
+    limited_by: str = "time"  # what ends the search: time, or the bound being reached
+
+
+def solve_job(
+    job: Job, options: SolveOptions = SolveOptions(), policy: Policy | None = None
+) -> Progress:
+    """The best plan found in the time: checked, in the user's units. `policy`: see `improve`.
+
+    Raises:
+        UserError: where an item fits no bin, or the bins that there are do not hold the items.
+        InvalidPlanError: never, unless this program is wrong.
+    """
+    last = None
+    for progress in improve(job, options, policy):
+        last = progress
+    assert last is not None
+    return last
+
+
+def improve(
+    job: Job,
+    options: SolveOptions = SolveOptions(),
+    policy: Policy | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Iterator[Progress]:
+    """Better and better plans until the time is up, the last one being the best.
+
+    Args:
+        policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
+        stop: asked after every fraction of a second; ends the search early.
+
+    Raises:
+        UserError: where an item fits no bin.
+        InvalidPlanError: never, unless this program is wrong.
+    """
+    begun = time.perf_counter()
+    units = units_of(job, options.resolution)
+    loading, left_out = load_job(job, units, options.support, True, options.skip_unfit)
+    slack = 0.0 if units.exact else float(units.length)
+    goal = _Goal(job, lower_bound(job), cost_bound(job), len(left_out))
+    packings, best_cost = 0, math.inf
+    for lanes, tried in _searches(loading, options, policy, begun, stop):
+        packings += tried
+        if float(lanes.best_cost) < best_cost - 1e-6:
+            best_cost = float(lanes.best_cost)
+            plan = _decoded(loading, lanes.best, left_out)
+            check_plan(job, plan, options.support, True, slack)
+            reached = goal.reached_by(plan)
+            yield _progress(goal, plan, begun, packings, "the bound" if reached else "time")
+            if reached:
+                return
+    yield _progress(goal, plan, begun, packings, "an interrupt" if stop() else "time")
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """What no plan can better."""
+
+    job: Job
+    bound: int  # bins
+    least_cost: float
+    unfit: int  # copies that are left out whatever happens
+
+    def reached_by(self, plan: Plan) -> bool:
+        """Whether there is nothing left to win."""
+        cheap = total_cost(self.job, plan) <= self.least_cost * (1 + 1e-9)
+        alike = len({bin.price for bin in self.job.bins}) == 1
+        few = alike and len(plan.bins) <= self.bound
+        return len(plan.left_out) == self.unfit and (cheap or few)
+
+
+def _progress(goal: _Goal, plan: Plan, begun: float, packings: int, limited_by: str) -> Progress:
+    seconds, cost = time.perf_counter() - begun, total_cost(goal.job, plan)
+    return Progress(plan, len(plan.bins), cost, goal.bound, seconds, packings, limited_by)
+
+
+def _searches(
+    loading: Loading,
+    options: SolveOptions,
+    policy: Policy | None,
+    begun: float,
+    stop: Callable[[], bool],
+) -> Iterator[tuple[Lanes, int]]:
+    """(the lanes with the best plan, packings tried since the last time), until the time is up."""
+    genes = first_genes(loading, np.random.default_rng(options.seed), LANES)
+    bin, _, cost = pack_lanes(loading.rules, loading.stock, genes)
+    least = int(jnp.argmin(cost))
+    best = jax.tree.map(lambda leaf: leaf[least], genes)
+    lanes = Lanes(jax.random.key(options.seed), genes, bin, cost, best, cost[least])
+    yield lanes, LANES
+    drawn = None
+    if policy:
+        drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
+    keys = jax.random.split(lanes.key, _cores())
+    islands = [lanes._replace(key=key) for key in keys]
+
+    def dispatch(lanes: Lanes, heat: float) -> Lanes:
+        lanes = advance(loading.rules, ROUNDS, loading.stock, lanes, jnp.float32(heat))
+        return jax.block_until_ready(lanes)
+
+    longest, first = 0.0, True
+    while (spent := time.perf_counter() - begun) + longest < options.time_limit and not stop():
+        heat = HEAT * (1 - spent / options.time_limit) ** 2
+        work = [_in_thread(partial(dispatch, lanes, heat)) for lanes in islands]
+        # The first dispatch compiles, on a slow machine for longer than there is time.
+        done = [task(options.time_limit - spent) for task in work]
+        if any(lanes is None for lanes in done):
+            return
+        islands = [lanes for lanes in done if lanes is not None]
+        if first:
+            first = False  # it compiled
+        else:
+            longest = max(longest, time.perf_counter() - begun - spent)
+        if drawn and (seeds := drawn(0)) is not None:
+            drawn = None
+            islands[-1] = join(loading.rules, loading.stock, islands[-1], seeds)
+        yield min(islands, key=lambda lanes: float(lanes.best_cost)), LANES * ROUNDS * len(islands)
+
+
+def _decoded(loading: Loading, best: Genes, left_out: tuple[int, ...]) -> Plan:
+    repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES, *leaf.shape)), best)
+    bin, corner, _ = pack_lanes(loading.rules, loading.stock, repeated)
+    order, turn, bin, corner = map(np.asarray, (best.order, best.turn, bin[0], corner[0]))
+    return with_cheapest_bins(loading.job, plan_of(loading, order, turn, bin, corner, left_out))
+
+
+def _in_thread(work: Callable[[], T]) -> Callable[[float], T | None]:
+    """Begins the work; what comes back waits for it so many seconds, and gives None if in vain.
+
+    Nobody waits for a compilation that came too late but the interpreter, at its end: it would
+    fall over one that is under way.
+    """
+    results: Queue[T | BaseException] = Queue()
+
+    def run() -> None:
+        try:
+            results.put(work())
+        except BaseException as error:
+            results.put(error)
+
+    threading.Thread(target=run).start()
+
+    def result(seconds: float) -> T | None:
+        try:
+            outcome = results.get(timeout=max(seconds, 0))
+        except Empty:
+            return None
+        if isinstance(outcome, BaseException):
+            raise outcome
+        return outcome
+
+    return result
+
+
+def _cores() -> int:
+    return max(1, min(len(os.sched_getaffinity(0)), 8)) if hasattr(os, "sched_getaffinity") else 1
+
+
+def with_cheapest_bins(job: Job, plan: Plan) -> Plan:
+    """The same packing with every bin exchanged for the cheapest one left that can hold it."""
+    left = {number: bin.copies for number, bin in enumerate(job.bins)}
+    needs = []
+    for packed in plan.bins:
+        ends = [
+            [
+                exact(at) + exact(side)
+                for at, side in zip(put.corner, _extent(job, put), strict=True)
+            ]
+            for put in packed.placements
+        ]
+        reach = tuple(max(end) for end in zip(*ends, strict=True))
+        needs.append((reach, math.fsum(job.items[put.item].weight for put in packed.placements)))
+    chosen: dict[int, int] = {}
+    # The dearest bins choose first: they have the most to save.
+    for number in sorted(range(len(needs)), key=lambda n: -job.bins[plan.bins[n].bin].price):
+        reach, weight = needs[number]
+        able = [
+            kind
+            for kind, bin in enumerate(job.bins)
+            if left[kind] != 0
+            and weight <= bin.max_weight
+            and all(end <= exact(side) for end, side in zip(reach, bin.size, strict=True))
+        ]
+        own = plan.bins[number].bin
+        if not able:  # another one took the copy it had
+            return plan
+        chosen[number] = min(able, key=lambda kind: (job.bins[kind].price, kind != own))
+        copies = left[chosen[number]]
+        left[chosen[number]] = None if copies is None else copies - 1
+    bins = tuple(replace(packed, bin=chosen[n]) for n, packed in enumerate(plan.bins))
+    return replace(plan, bins=bins)
+
+
+def _extent(job: Job, put: Placement) -> Sides:
+    return job.items[put.item].turned(put.orientation)

@@ -1,0 +1,161 @@
+"""From a job to a plan: valid, in the time given, and no worse than its parts."""
+
+import time
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxpack.errors import UserError
+from jaxpack.loading.figures import plan_figures
+from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.loading.learned import policy_genes
+from jaxpack.loading.local_search import Lanes, join, pack_lanes
+from jaxpack.loading.solver import SolveOptions, improve, solve_job, with_cheapest_bins
+from jaxpack.loading.stock import load_job
+from jaxpack.loading.units import units_of
+from jaxpack.loading.validate import check_plan
+from jaxpack.solution import range_policy
+
+QUICK = SolveOptions(time_limit=0.01)
+WAYS = tuple(ORIENTATIONS)
+
+
+def cartons(seed, kinds=5, ways=("XYZ", "YXZ")):
+    rng = np.random.default_rng(seed)
+    sides = rng.choice([150.0, 200.0, 250.5, 300.0, 400.0], (kinds, 3))
+    return tuple(
+        ItemType(
+            tuple(row), copies=int(rng.integers(1, 4)), weight=float(weight), orientations=ways
+        )
+        for row, weight in zip(sides.tolist(), rng.uniform(1, 9, kinds).round(1), strict=True)
+    )
+
+
+PALLET = BinType((800.0, 600.0, 700.0))
+
+
+def test_a_plan_is_valid_and_complete_and_comes_in_time():
+    job = Job(cartons(1), (PALLET,))
+    begun = time.perf_counter()
+    plans = list(improve(job, replace(QUICK, time_limit=1.0)))
+    for progress in plans:
+        check_plan(job, progress.plan)
+        assert progress.bound <= progress.bins == len(progress.plan.bins)
+    assert time.perf_counter() - begun < 60
+    assert sum(len(packed.placements) for packed in plans[-1].plan.bins) == job.count
+    assert [p.bins for p in plans] == sorted((p.bins for p in plans), reverse=True)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_policy_and_the_search_together_lose_to_neither(dimension):
+    job = Job(cartons(8, kinds=8, ways=("XYZ",)), (PALLET,), dimension)
+    loading, _ = load_job(job, units_of(job), 0.5, True, False)
+    policy = range_policy(job)
+    genes = policy_genes(loading, policy, seed=0)
+    lanes, N = genes.order.shape
+    np.testing.assert_array_equal(np.sort(genes.order, 1), np.tile(np.arange(N), (lanes, 1)))
+    assert (np.asarray(genes.order)[:, : job.count] < job.count).all(), "padding before items"
+    bin, _, cost = pack_lanes(loading.rules, loading.stock, genes)
+    assert (np.asarray(bin)[:, : job.count] >= 0).all()
+    assert len(np.unique(np.asarray(genes.order), axis=0)) > lanes // 4
+    least = jnp.argmin(cost)
+    few = jax.tree.map(lambda leaf: leaf[:8], (genes, bin, cost))
+    best = jax.tree.map(lambda leaf: leaf[0], few[0])
+    before = Lanes(jax.random.key(0), *few, best, few[2][0])
+    after = join(loading.rules, loading.stock, before, genes)
+    assert after.best_cost == cost[least] == after.cost[0]
+    np.testing.assert_array_equal(after.best.order, genes.order[least])
+    assert (np.asarray(after.cost) <= np.sort(np.asarray(few[2]))).all()
+    # What the search ends with is what it has met at best, the policy's orders among it.
+    ended = solve_job(job, replace(QUICK, time_limit=6.0), policy)
+    fewest = min(len(set(row[row >= 0])) for row in np.asarray(bin))
+    assert ended.bins <= fewest
+
+
+def test_the_weight_limit_binds():
+    light = Job(cartons(2), (PALLET,))
+    total = plan_figures(light, solve_job(light, QUICK).plan).weight
+    heavy = Job(light.items, (replace(PALLET, max_weight=round(total / 3, 2)),))
+    plan = solve_job(heavy, QUICK).plan
+    check_plan(heavy, plan)
+    assert len(plan.bins) >= 4 or total <= 3 * round(total / 3, 2)
+    assert len(plan.bins) >= 3
+
+
+def test_the_cheapest_bins_are_used_and_their_copies_respected():
+    items = (ItemType((2.0, 2.0, 2.0), copies=6),)
+    bins = (
+        BinType((2.0, 2.0, 2.0), cost=3.0),
+        BinType((4.0, 2.0, 2.0), cost=4.0, copies=2),
+        BinType((9.0, 9.0, 9.0), cost=100.0),
+    )
+    job = Job(items, bins)
+    plan = solve_job(job, replace(QUICK, time_limit=2.0)).plan
+    check_plan(job, plan)
+    # Two pairs at 4 each and two single ones at 3 each; six single ones would be 18.
+    assert plan_figures(job, plan).cost == pytest.approx(14)
+
+
+def test_a_bin_is_exchanged_for_the_cheapest_that_holds_the_same():
+    item = ItemType((2.0, 2.0, 2.0), weight=5.0)
+    large, light, small = (
+        BinType((9.0, 9.0, 9.0), cost=9.0),
+        BinType((2.0, 2.0, 2.0), cost=1.0, max_weight=4.0),
+        BinType((3.0, 2.0, 2.0), cost=2.0, copies=1),
+    )
+    job = Job((replace(item, copies=2),), (large, light, small))
+    inside = (Placement(0, "XYZ", (0.0, 0.0, 0.0)),)
+    plan = with_cheapest_bins(job, Plan((PackedBin(0, inside), PackedBin(0, inside))))
+    assert sorted(packed.bin for packed in plan.bins) == [0, 2]
+    check_plan(job, plan)
+
+
+def test_what_no_bin_can_hold_is_named_and_left_out_on_demand():
+    items = (*cartons(3), ItemType((900.0, 10.0, 10.0), copies=2, name="the long one"))
+    job = Job(items, (PALLET,))
+    with pytest.raises(UserError, match=r"item 5 \(the long one\): no bin can hold it, 900 x 10"):
+        solve_job(job, QUICK)
+    plan = solve_job(job, replace(QUICK, skip_unfit=True)).plan
+    assert plan.left_out == (5, 5)
+    check_plan(job, plan)
+    upright = Job((replace(items[-1], orientations=WAYS, size=(10.0, 10.0, 690.0)),), (PALLET,))
+    check_plan(upright, solve_job(upright, QUICK).plan)
+
+
+def test_an_overweight_item_is_refused():
+    job = Job(cartons(4), (replace(PALLET, max_weight=0.5),))
+    with pytest.raises(UserError, match=r"item 0.* of weight .*--skip-unfit"):
+        solve_job(job, QUICK)
+
+
+def test_a_search_that_is_told_to_stop_stops_with_its_best_plan():
+    job = Job(cartons(5, kinds=12), (PALLET,))
+    begun = time.perf_counter()
+    *_, last = improve(job, SolveOptions(time_limit=600.0), stop=lambda: True)
+    assert last.limited_by in ("an interrupt", "the bound")
+    assert time.perf_counter() - begun < 120
+    check_plan(job, last.plan)
+
+
+def test_decimals_are_exact_and_fine_sizes_are_rounded_up():
+    tenths = Job((ItemType((0.1, 0.2, 0.3), copies=20),), (BinType((0.3, 0.6, 0.9)),))
+    units = units_of(tenths)
+    assert units.exact
+    assert float(units.length) == 0.1
+    assert len(solve_job(tenths, QUICK).plan.bins) == 1  # 27 would fit
+    fine = Job((ItemType((1 / 3, 1 / 7, 1 / 9), copies=5),), (BinType((1.0, 1.0, 1.0)),))
+    assert not units_of(fine).exact
+    check_plan(fine, solve_job(fine, QUICK).plan, slack=float(units_of(fine).length))
+
+
+def test_a_coarser_resolution_rounds_items_up_and_bins_down():
+    job = Job((ItemType((14.0, 14.0, 14.0), copies=8),), (BinType((28.0, 28.0, 29.0)),))
+    assert len(solve_job(job, QUICK).plan.bins) == 1
+    loading, _ = load_job(job, units_of(job, 10), 0.5, True, False)
+    assert np.asarray(loading.stock.sizes)[0, 0].tolist() == [2, 2, 2]
+    assert np.asarray(loading.stock.bins)[0].tolist() == [2, 2, 2]
+    coarse = solve_job(job, replace(QUICK, resolution=10.0)).plan
+    assert len(coarse.bins) == 8
