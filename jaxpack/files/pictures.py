@@ -1,5 +1,6 @@
-"""Pictures of packings, as in the paper's Fig. 7 and 8: a row per method, a column per bin."""
+"""Pictures of packings: a comparison of methods as in the paper's Fig. 7 and 8, and one plan."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,18 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from jax.typing import ArrayLike
+from matplotlib.colors import to_hex
+from matplotlib.patches import Patch
 
 from jaxpack.files.atomic import replace_file
+from jaxpack.loading.figures import fill
+from jaxpack.loading.job import Job, Plan
 from jaxpack.packing.problem import Instance, Packing
+
+MOST_BINS = 30  # in one picture of a plan
+PER_ROW = 5
+COLOURS = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
+VIEWER = np.array([1, -1, 1])  # the signs of the direction in which the viewer of a solid bin is
 
 
 def draw_packings(path: Path, instance: Instance, packings: Sequence[tuple[str, Packing]]) -> None:
@@ -58,6 +68,72 @@ def draw_packings(path: Path, instance: Instance, packings: Sequence[tuple[str, 
     plt.close(figure)
 
 
+def write_png(path: Path, job: Job, plan: Plan) -> None:
+    """Writes a PNG of a plan for a report: its first 30 bins, with a colour per item type.
+
+    Bins and items have the numbers that they have in the plan's files, from 0.
+    """
+    flat = job.dimension == 2
+    bins = plan.bins[:MOST_BINS]
+    columns = min(PER_ROW, max(1, len(bins)))
+    rows = max(1, math.ceil(len(bins) / columns))
+    used = sorted({placed.item for packed in bins for placed in packed.placements})
+    legend = used if len(job.items) <= len(COLOURS) else []  # where a colour stands for one type
+    entries = max(2, columns)  # of the legend in a line
+    height = 2.5 * rows + 0.2 * math.ceil(len(legend) / entries) + 0.4
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(max(4.0, 2.4 * columns), height),
+        squeeze=False,
+        subplot_kw={} if flat else {"projection": "3d"},
+        layout="constrained",
+    )
+    colours = np.array(item_colours(job))
+    for axis in axes.flat[len(bins) :]:
+        axis.set_axis_off()
+    for number, (axis, packed) in enumerate(zip(axes.flat, bins, strict=False)):
+        kind = job.bins[packed.bin]
+        inside = packed.placements
+        draw = _draw_flat if flat else _draw_solid
+        draw(
+            axis,
+            np.array(kind.size),
+            np.array([placed.corner for placed in inside]).reshape(-1, 3),
+            np.array([job.items[p.item].turned(p.orientation) for p in inside]).reshape(-1, 3),
+            colours[[placed.item for placed in inside]],
+        )
+        name = f" ({_short(kind.name)})" if kind.name else ""
+        text = f"bin {number}{name}: {fill(job, packed):.0%}"
+        axis.set_title(text, fontsize=8, parse_math=False)
+    if not bins:
+        figure.suptitle("no bin is used")
+    elif len(plan.bins) > len(bins):
+        figure.supxlabel(f"and {len(plan.bins) - len(bins)} more")
+    if legend:
+        names = [_short(job.items[index].name or f"item {index}") for index in legend]
+        box = figure.legend(
+            handles=[Patch(color=c, label=n) for c, n in zip(colours[legend], names, strict=True)],
+            loc="outside lower center",
+            ncols=entries,
+            fontsize=8,
+        )
+        for line in box.get_texts():
+            line.set_parse_math(False)
+    with replace_file(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=110)
+    plt.close(figure)
+
+
+def item_colours(job: Job) -> list[str]:
+    """A colour per item type, as #rrggbb; they repeat where there are more types than colours."""
+    return [to_hex(COLOURS[index % len(COLOURS)]) for index in range(len(job.items))]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 20 else name[:19] + "…"
+
+
 def _draw_flat(
     axis: Any, room: np.ndarray, corner: np.ndarray, size: np.ndarray, colours: ArrayLike
 ) -> None:
@@ -77,8 +153,35 @@ def _draw_flat(
 def _draw_solid(
     axis: Any, room: np.ndarray, corner: np.ndarray, size: np.ndarray, colours: ArrayLike
 ) -> None:
-    axis.bar3d(*corner.T, *size.T, color=colours, edgecolor="black", linewidth=0.3, shade=True)
+    # The axes sort faces by their middles, which puts a long box before what hides it.
+    axis.computed_zorder = False
+    for order, index in enumerate(_back_to_front(corner, size)):
+        axis.bar3d(
+            *corner[index],
+            *size[index],
+            color=np.asarray(colours)[index],
+            edgecolor="black",
+            linewidth=0.3,
+            shade=True,
+            zorder=order,
+        )
     axis.set(xlim=(0, room[0]), ylim=(0, room[1]), zlim=(0, room[2]))
     axis.set(xticks=[], yticks=[], zticks=[])
     axis.set_box_aspect(room)
     axis.view_init(elev=28, azim=-55)
+    axis.set_proj_type("ortho")
+
+
+def _back_to_front(corner: np.ndarray, size: np.ndarray) -> list[int]:
+    """The order in which boxes can be painted over each other."""
+    ends = np.stack([corner * VIEWER, (corner + size) * VIEWER])
+    far, near = ends.min(0), ends.max(0)  # of each box along each axis, for the viewer
+    touch = 1e-6 * np.abs(ends).max(initial=0)
+    behind = (near[:, None] <= far + touch).any(-1)  # a plane parts [this one, from that before it]
+    first = behind & ~behind.T  # both ways: neither hides any of the other
+    waits, order = first.sum(0), []
+    for _ in corner:
+        order.append(int(waits.argmin()))  # 0, but for boxes that hide each other in a ring
+        waits -= first[order[-1]]
+        waits[order[-1]] = 2 * len(corner)  # done
+    return order
