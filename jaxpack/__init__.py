@@ -5,7 +5,8 @@ Everything is an order, one judge turns orders into packings: `pack(problem, ins
 
 from jaxpack.comparison import Comparison, Row, compare
 from jaxpack.errors import UserError
-from jaxpack.files.weights import Policy, load_policy, save_policy
+from jaxpack.files.jobs import read_job
+from jaxpack.files.weights import load_policy, save_policy
 from jaxpack.learning.beam import beam_orders
 from jaxpack.learning.bin_aware import (
     BinState,
@@ -28,13 +29,15 @@ from jaxpack.learning.pointer import (
 )
 from jaxpack.learning.policies import greedy_orders, init_policy, sample_orders
 from jaxpack.learning.presets import PRESETS, preset
-from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import (
     TrainState,
     init_state,
     make_train,
     train_step,
 )
+from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.loading.validate import InvalidPlanError, check_plan
 from jaxpack.methods import Method, MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Cell, Distribution, sample, uniform_instance
@@ -49,6 +52,7 @@ from jaxpack.packing.metrics import (
 )
 from jaxpack.packing.problem import Instance, Packing, Problem, make_instance
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
+from jaxpack.solution import Solution, solve
 from jaxpack.solvers.bin_by_bin import bin_by_bin
 from jaxpack.solvers.brkga import BrkgaConfig, brkga, genetic
 from jaxpack.solvers.evolved import evolved
@@ -60,6 +64,7 @@ __all__ = [
     "PRESETS",
     "BinAwareConfig",
     "BinState",
+    "BinType",
     "BrkgaConfig",
     "Candidates",
     "Cell",
@@ -67,16 +72,23 @@ __all__ = [
     "Distribution",
     "Instance",
     "InvalidPackingError",
+    "InvalidPlanError",
+    "ItemType",
+    "Job",
     "Kinds",
     "Method",
     "MethodOptions",
+    "PackedBin",
     "Packing",
+    "Placement",
+    "Plan",
     "PointerConfig",
     "Policy",
     "Problem",
     "Rollout",
     "Row",
     "Search",
+    "Solution",
     "TrainConfig",
     "TrainState",
     "UserError",
@@ -89,6 +101,7 @@ __all__ = [
     "brkga",
     "candidates",
     "check_packings",
+    "check_plan",
     "compactness",
     "compare",
     "compile_search",
@@ -112,6 +125,7 @@ __all__ = [
     "preset",
     "pyramid",
     "random_order",
+    "read_job",
     "reset",
     "run_for",
     "run_rounds",
@@ -121,6 +135,7 @@ __all__ = [
     "sampling",
     "save_policy",
     "score_order",
+    "solve",
     "step",
     "train_step",
     "uniform_instance",

@@ -28,11 +28,13 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     except SystemExit as stop:
         if not stop.code:
             raise
-    # tyro frames its errors and adds advice below a rule: keep the sentence, drop the rest.
+    # tyro frames its errors and adds advice below a rule: keep the sentence, drop the rest. Where
+    # a terminal has no lines to draw, rules are dashes and there is one below the title too.
     text = re.sub(r"\x1b\[[0-9;]*m", "", printed.getvalue())
     lines = [line.strip(" │|╭╮╰╯") for line in text.splitlines()]
-    rule = next((i for i, line in enumerate(lines) if i and line.startswith("─")), len(lines))
-    sentence = " ".join(line for line in lines[1:rule] if line)
+    rules = [i for i, line in enumerate(lines) if i > 1 and line and not line.strip("─-")]
+    end = rules[0] if rules else len(lines)
+    sentence = " ".join(line for line in lines[1:end] if line.strip("-"))
     sentence = sentence.split(" Got errors:")[0].rstrip(".")
     raise UserError(f"{sentence}; see python -m jaxpack.{door} --help")
 

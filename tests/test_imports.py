@@ -1,4 +1,6 @@
-"""Imports point one way: doors -> methods, tables, ... -> files, learning, solvers -> packing."""
+"""Imports point one way: doors -> methods, tables, ... -> files -> loading, learning, solvers ->
+packing.
+"""
 
 import ast
 from pathlib import Path
@@ -6,15 +8,16 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate"}
-ROOMS = {"packing", "solvers", "learning", "files"}
-TOP = {"methods", "comparison", "tables", "training", "cli"}
+DOORS = {"train", "evaluate", "solve"}
+ROOMS = {"packing", "solvers", "learning", "loading", "files"}
+TOP = {"methods", "comparison", "tables", "training", "solution", "cli"}
 ALLOWED = {
     "errors": set(),
     "packing": {"errors", "packing"},
     "solvers": {"errors", "packing", "solvers"},
     "learning": {"errors", "packing", "learning"},
-    "files": {"errors", "packing", "learning", "files"},
+    "loading": {"errors", "packing", "learning", "solvers", "loading"},
+    "files": {"errors", "packing", "learning", "loading", "files"},
     **{name: {"errors"} | ROOMS | TOP for name in TOP},
     **{door: {"errors"} | ROOMS | TOP for door in DOORS},
     "__init__": {"errors"} | ROOMS | TOP,

@@ -1,0 +1,431 @@
+"""`python -m jaxpack.solve`: a list of items and bins in, a checked loading plan out."""
+
+import math
+import os
+import re
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread, active_count
+from types import ModuleType
+
+from rich import box
+from rich.console import Console
+from rich.live import Live
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+from tyro.conf import FlagCreatePairsOff, Positional
+
+from jaxpack.cli import parse_options, run_door
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import check_writable
+from jaxpack.files.jobs import read_job
+from jaxpack.files.plans import write_bed_bpp
+from jaxpack.loading.job import BinType, Job
+from jaxpack.loading.solver import Progress, SolveOptions, improve
+from jaxpack.loading.validate import InvalidPlanError
+from jaxpack.solution import (
+    Solution,
+    check_options,
+    least_cost,
+    range_policy,
+    relative_gap,
+    solution,
+    solve,
+)
+
+TICK = 0.1  # seconds between looks at the clock and at signals
+NAMED = 5  # kinds of left out items that the table names
+
+SUFFIXES = {
+    "out": (".csv", ".json"),
+    "steps": (".csv",),
+    "html": (".html", ".htm"),
+    "png": (".png",),
+    "bed_bpp": (".json",),
+}
+"""Option -> what its file may end with."""
+
+
+@dataclass(frozen=True)
+class CommandOptions:
+    """Pack items into as few bins as can be found in the time, or into the cheapest."""
+
+    items: Positional[Path]
+    """The items: .csv, .ins2D, or the orders of BED-BPP, .json."""
+    bins: Positional[Path | None] = None
+    """The bins, .csv. Files .ins2D and .json have bins of their own, which these replace."""
+    out: Path | None = None
+    """Write the plan: .csv (PackingSolver's certificate) or .json. Several orders get a file each,
+    here and below: PLAN-ORDER.csv."""
+    steps: Path | None = None
+    """Write the loading steps, a row per item: .csv."""
+    html: Path | None = None
+    """Write a page that shows the plan in 3D and step by step: .html."""
+    png: Path | None = None
+    """Write a picture of the plan: .png."""
+    bed_bpp: Path | None = None
+    """Write the plans of all orders as BED-BPP has them, of a .json file of items: .json."""
+    time_limit: float = SolveOptions.time_limit
+    """Seconds for the search in each job, compilation included."""
+    seed: int = SolveOptions.seed
+    """Gives the random choices."""
+    support: float = SolveOptions.support
+    """Least share of an item's base that has to lie on what is under it, 0 to 1."""
+    resolution: float | None = None
+    """Round items up and bins down to this length; exact if not given."""
+    skip_unfit: FlagCreatePairsOff[bool] = False
+    """Leave out the items that no bin can hold; otherwise they are an error."""
+    order: str | None = None
+    """Solve only the order of that name."""
+
+
+def read_orders(options: CommandOptions) -> list[Job]:
+    """The jobs to solve: all of the file, or the one that is asked for."""
+    jobs = read_job(options.items, options.bins)
+    if options.order is None:
+        return jobs
+    named = [job for job in jobs if job.name == options.order]
+    if not named:
+        there = ", ".join(job.name for job in jobs[:NAMED])
+        more = f" and {len(jobs) - NAMED} more" if len(jobs) > NAMED else ""
+        raise UserError(f"--order '{options.order}': {options.items} has {there}{more}")
+    return named
+
+
+def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, Path]]:
+    """Which files to write of every job, by option; the one for all of them is not among them.
+
+    Raises:
+        UserError: naming an option whose file cannot be written, or would take another's place.
+    """
+    claims: list[tuple[str, Path]] = []
+    files: list[dict[str, Path]] = [{} for _ in jobs]
+    for option, suffixes in SUFFIXES.items():
+        path: Path | None = getattr(options, option)
+        if path is None:
+            continue
+        if path.suffix.lower() not in suffixes:
+            raise UserError(f"{_flag(option)} {path}: end it with {' or '.join(suffixes)}")
+        if option == "bed_bpp":
+            if options.items.suffix.lower() != ".json":
+                raise UserError(f"--bed-bpp {path}: {options.items} is no file of BED-BPP orders")
+            claims.append((option, path))
+            continue
+        for job, own in zip(jobs, files, strict=True):
+            own[option] = path if len(jobs) == 1 else _of_order(path, job)
+            claims.append((option, own[option]))
+    taken = {
+        path.resolve(): "the job is read from it" for path in (options.items, options.bins) if path
+    }
+    for option, path in claims:
+        try:
+            check_writable(path)
+        except UserError as error:
+            raise UserError(f"{_flag(option)} {error}") from None
+        if (reason := taken.get(path.resolve())) is not None:
+            raise UserError(f"{_flag(option)} {path}: {reason}; name another")
+        taken[path.resolve()] = f"{_flag(option)} is written to it"
+    return files
+
+
+def _flag(option: str) -> str:
+    return f"--{option.replace('_', '-')}"
+
+
+def _of_order(path: Path, job: Job) -> Path:
+    order = re.sub(r"[^\w.-]", "_", job.name)  # nothing in it leads to another folder
+    return path.with_name(f"{path.stem}-{order}{path.suffix}")
+
+
+@contextmanager
+def interrupts() -> Iterator[list[int]]:
+    """The SIGINTs and SIGTERMs that came in: a list that grows. A second one acts as always."""
+    received: list[int] = []
+
+    def receive(number: int, _: object) -> None:
+        received.append(number)
+        signal.signal(number, before[number])
+
+    numbers: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.signal(number, receive) for number in numbers}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def search(
+    job: Job, options: SolveOptions, interrupted: Sequence[int], console: Console
+) -> Solution | None:
+    """The best plan, with a live line until then; None if interrupted before there is one.
+
+    The search runs in a thread of its own: while it is compiled, which takes seconds, the one
+    that Python hands signals to can still act on them.
+    """
+    events: SimpleQueue[Progress | BaseException | None] = SimpleQueue()
+
+    def work() -> None:
+        try:
+            for progress in improve(job, options, range_policy(job)):
+                events.put(progress)
+            events.put(None)
+        except BaseException as error:
+            events.put(error)
+
+    begun = time.perf_counter()
+    figures, best, least = "no plan yet", None, None
+    live = Live(console=console, auto_refresh=False, transient=True)
+    Thread(target=work, daemon=True).start()
+    with live if console.is_terminal else nullcontext():
+        while True:
+            try:
+                event = events.get(timeout=TICK)
+            except Empty:
+                if interrupted:
+                    break
+            else:
+                if event is None:
+                    break
+                if isinstance(event, BaseException):
+                    raise event
+                best = event
+                least = least_cost(job, best.bound) if least is None else least
+                if figures != (figures := _figures(job, best, least)) and not live.is_started:
+                    _say(console, f"{best.seconds:.1f} s: {figures}")
+            if live.is_started:
+                left = max(0.0, options.time_limit - (time.perf_counter() - begun))
+                live.update(_text(f"{figures}, {left:.0f} s left"), refresh=True)
+    if best is None or least is None:
+        return None
+    if interrupted:
+        best = replace(best, seconds=time.perf_counter() - begun, limited_by="an interrupt")
+    return solution(job, options, best, least)
+
+
+def _figures(job: Job, found: Progress, least: float) -> str:
+    """The live line. In floats: exact figures of a large plan take seconds."""
+    room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
+    items = (put.item for packed in found.plan.bins for put in packed.placements)
+    fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
+    parts = [_count(found.bins, "bin"), f"fill {_percent(fill)}"]
+    if found.plan.left_out:  # the bound may be that of a larger load
+        parts.append(f"{_count(len(found.plan.left_out), 'item')} left out")
+    else:
+        gap = relative_gap(job, found.bins, found.cost, found.bound, least)
+        parts.append(f"gap {_percent(gap)}")
+    return ", ".join(parts)
+
+
+def write_files(found: Solution, files: dict[str, Path]) -> None:
+    """Writes a plan in every form that is asked for, the pictures, which take longest, last."""
+    for option, path in files.items():
+        if option == "out":
+            found.write_json(path) if path.suffix.lower() == ".json" else found.write_csv(path)
+        else:
+            getattr(found, f"write_{option}")(path)
+
+
+def figures_of_one(found: Solution) -> dict[str, str]:
+    """What a plan amounts to, by the name of the figure."""
+    job, figures = found.job, found.figures
+    rows = {"bins": f"{figures.bins:,}{_kinds(job, found)}", "fill": _percent(figures.utilisation)}
+    if any(item.weight for item in job.items):
+        rows["weight"] = _number(figures.weight)
+    if any(kind.cost is not None for kind in job.bins):
+        rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
+    gap = "" if found.gap is None else f", gap {_percent(found.gap)}"
+    rows["lower bound"] = f"{_count(found.bound, 'bin')}{gap}"
+    rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
+    rows["limited by"] = found.limited_by
+    if figures.left_out:
+        counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
+        rows["left out"] = f"{_count(figures.left_out, 'item')} ({_counted(counts)})"
+    if found.unpacked:
+        rows["of these"] = f"{_count(found.unpacked, 'item')} would fit: there are too few bins"
+    if found.rounding:
+        rows["rounding"] = f"adds {_percent(found.rounding)} to the items' volume"
+    return rows
+
+
+def table_of_many(solutions: Sequence[Solution]) -> Table:
+    """A row per order."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("order", no_wrap=True)
+    for name in ("items", "left out", "bins", "bound", "gap", "fill", "weight", "s", "packings"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("limited by", no_wrap=True)
+    for found in solutions:
+        figures = found.figures
+        cells = [f"{found.job.count:,}", f"{figures.left_out:,}"]
+        cells += [f"{figures.bins:,}", f"{found.bound:,}"]
+        cells += ["" if found.gap is None else _percent(found.gap), _percent(figures.utilisation)]
+        cells += [_number(figures.weight), f"{found.seconds:.1f}", f"{found.packings:,}"]
+        table.add_row(_text(found.job.name), *cells, found.limited_by)
+    return table
+
+
+def _kinds(job: Job, found: Solution) -> str:
+    """How many of each kind of bin, if there are several."""
+    if len(job.bins) == 1:
+        return ""
+    counts = Counter(_called(job, job.bins[packed.bin]) for packed in found.plan.bins)
+    return f" ({_counted(counts)})"
+
+
+def _called(job: Job, kind: BinType) -> str:
+    axes = (0, 2) if job.dimension == 2 else (0, 1, 2)
+    return kind.name or " x ".join(_number(kind.size[axis]) for axis in axes)
+
+
+def _counted(counts: Counter[str]) -> str:
+    parts = [f"{count:,} of {name}" for name, count in counts.most_common(NAMED)]
+    return ", ".join(parts) + (", ..." if len(counts) > NAMED else "")
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number:,} {thing}{'s' * (number != 1)}"
+
+
+def _percent(share: float) -> str:
+    return f"{share * 100:.1f} %"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.10g}"
+
+
+def _text(line: str) -> Text:
+    """A line in which names from files are neither markup nor commands to the terminal."""
+    return Text("".join(c if c.isprintable() else "?" for c in line))
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Prints a table wider than the terminal rather than with figures cut off."""
+    wide = Measurement.get(console, console.options.update(max_width=200), table).maximum
+    console.width = max(console.width, wide)
+    console.print(table)
+
+
+def solve_jobs(
+    jobs: Sequence[Job],
+    how: SolveOptions,
+    files: Sequence[dict[str, Path]],
+    source: Path,
+    interrupted: Sequence[int],
+    status: Console,
+) -> list[Solution]:
+    """Solves one job after the other and writes each plan at once.
+
+    Of several jobs one that cannot be solved is an error line and does not end the others.
+    """
+    solutions: list[Solution] = []
+    for job, own in zip(jobs, files, strict=True):
+        where = str(source)
+        if len(jobs) > 1:
+            where += f": order '{job.name}'"
+            _say(status, f"{where}: {_count(job.count, 'item')}")
+        try:
+            found = search(job, how, interrupted, status)
+            if found is None:
+                break
+            write_files(found, own)
+        except UserError as error:
+            if len(jobs) == 1:
+                raise UserError(f"{where}: {error}") from None
+            _say(status, f"error: {where}: {error}")
+            continue
+        except InvalidPlanError as error:  # a fault of this program
+            raise SystemExit(
+                f"error: {where}: no valid plan, nothing is written: {error}"
+            ) from None
+        solutions.append(found)
+        if own:
+            _say(status, f"written: {', '.join(map(str, own.values()))}")
+        if found.unpacked:
+            what = f"{_count(found.unpacked, 'item')} not packed, there are too few bins"
+            _say(status, f"error: {where}: {what}; give more, or a larger COPIES")
+        if interrupted:
+            break
+    return solutions
+
+
+def write_orders(path: Path, solutions: Sequence[Solution], status: Console) -> bool:
+    """Writes the orders in one bin each, all that BED-BPP can hold; returns if these are all."""
+    alone = [found for found in solutions if len(found.plan.bins) == 1]
+    if alone:
+        write_bed_bpp(path, [found.job for found in alone], [found.plan for found in alone])
+        _say(status, f"written: {path}")
+    for found in solutions:
+        if len(found.plan.bins) > 1:
+            what = f"order '{found.job.name}' is not in it: it takes {len(found.plan.bins)} bins"
+            _say(status, f"error: {path}: {what}, BED-BPP has one")
+    return len(alone) == len(solutions)
+
+
+def print_solutions(console: Console, solutions: Sequence[Solution], several: bool) -> None:
+    """One solution as a line per figure, several as a table with a row for each."""
+    if several:
+        print_table(console, table_of_many(solutions))
+        return
+    for found in solutions:
+        for name, value in figures_of_one(found).items():
+            _say(console, f"{name:<13}{value}")
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(_text(line), soft_wrap=True)
+
+
+def main(argv: Sequence[str]) -> None:
+    """Parses, packs, writes, prints."""
+    options = parse_options(CommandOptions, "solve", argv)
+    jobs = read_orders(options)
+    how = SolveOptions(
+        options.time_limit, options.seed, options.support, options.resolution, options.skip_unfit
+    )
+    for job in jobs:
+        check_options(how, job, _flag)
+    files = plan_files(options, jobs)
+    console, status = Console(highlight=False), Console(stderr=True, highlight=False)
+    with interrupts() as interrupted:
+        solutions = solve_jobs(jobs, how, files, options.items, interrupted, status)
+        complete = len(solutions) == len(jobs) and not any(f.unpacked for f in solutions)
+        if options.bed_bpp:
+            complete &= write_orders(options.bed_bpp, solutions, status)
+        if solutions:
+            print_solutions(console, solutions, len(jobs) > 1)
+    code = 0 if complete else 2
+    if interrupted:
+        code = 128 + interrupted[0]
+        what = "this is the best plan so far"
+        if not solutions:
+            what = "there is no plan yet, nothing is written"
+        elif len(jobs) > 1:
+            what = f"{len(solutions)} of {len(jobs)} orders are solved"
+        _say(status, f"interrupted: {what}")
+    if active_count() > 1:  # a compilation came too late: the time limit is for it too
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+class _Callable(ModuleType):
+    """`jaxpack.solve` is a function until this module is imported, and can be called after it."""
+
+    __call__ = staticmethod(solve)
+
+
+if __name__ == "__main__":
+    run_door(main)
+else:
+    sys.modules[__name__].__class__ = _Callable
