@@ -4,7 +4,6 @@ import time
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -12,7 +11,7 @@ from jaxpack.errors import UserError
 from jaxpack.loading.figures import plan_figures
 from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import Lanes, join, pack_lanes
+from jaxpack.loading.local_search import advance, fresh_lanes, join
 from jaxpack.loading.solver import SolveOptions, improve, solve_job, with_cheapest_bins
 from jaxpack.loading.stock import load_job
 from jaxpack.loading.units import units_of
@@ -58,20 +57,23 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension):
     lanes, N = genes.order.shape
     np.testing.assert_array_equal(np.sort(genes.order, 1), np.tile(np.arange(N), (lanes, 1)))
     assert (np.asarray(genes.order)[:, : job.count] < job.count).all(), "padding before items"
-    bin, _, cost = pack_lanes(loading.rules, loading.stock, genes)
-    assert (np.asarray(bin)[:, : job.count] >= 0).all()
     assert len(np.unique(np.asarray(genes.order), axis=0)) > lanes // 4
-    least = jnp.argmin(cost)
-    few = jax.tree.map(lambda leaf: leaf[:8], (genes, bin, cost))
-    best = jax.tree.map(lambda leaf: leaf[0], few[0])
-    before = Lanes(jax.random.key(0), *few, best, few[2][0])
-    after = join(loading.rules, loading.stock, before, genes)
-    assert after.best_cost == cost[least] == after.cost[0]
-    np.testing.assert_array_equal(after.best.order, genes.order[least])
-    assert (np.asarray(after.cost) <= np.sort(np.asarray(few[2]))).all()
+
+    def packed(first):
+        some = jax.tree.map(lambda leaf: leaf[first : first + 32], genes)
+        start = fresh_lanes(jax.random.key(0), some)
+        return advance(loading.rules, loading.stock, start, 1, 0.0, True)
+
+    one, other = packed(0), packed(32)
+    assert (np.asarray(one.bin)[:, : job.count] >= 0).all()
+    np.testing.assert_array_equal(one.genes.order, genes.order[:32])
+    both = join(one, other)
+    costs = np.sort(np.concatenate([one.cost, other.cost]))
+    np.testing.assert_array_equal(both.cost, costs[:32])
+    assert both.best.cost == costs[0]
     # What the search ends with is what it has met at best, the policy's orders among it.
     ended = solve_job(job, replace(QUICK, time_limit=6.0), policy)
-    fewest = min(len(set(row[row >= 0])) for row in np.asarray(bin))
+    fewest = min(len(set(row[row >= 0])) for row in np.asarray(both.bin))
     assert ended.bins <= fewest
 
 

@@ -38,6 +38,15 @@ class Genes(NamedTuple):
     pool: Array  # int32 [P, S], sequence of the bins
 
 
+class Best(NamedTuple):
+    """The best packing that any lane has met."""
+
+    genes: Genes  # leaves without the axis P
+    bin: Array  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
+    corner: Array  # int32 [N, 3], units
+    cost: Array  # float32[]
+
+
 class Lanes(NamedTuple):
     """The lanes, and the best that any of them has met."""
 
@@ -45,11 +54,18 @@ class Lanes(NamedTuple):
     genes: Genes
     bin: Array  # int32 [P, N], bin of every item
     cost: Array  # float32 [P]
-    best: Genes  # leaves [...]
-    best_cost: Array  # float32[]
+    best: Best
 
 
-@partial(jax.jit, static_argnames="rules")
+def fresh_lanes(key: Array, genes: Genes) -> Lanes:
+    """Lanes that have not been packed yet."""
+    P, N = genes.order.shape
+    first = jax.tree.map(lambda leaf: leaf[0], genes)
+    nothing = jnp.full((P, N), -1, jnp.int32)
+    best = Best(first, nothing[0], jnp.zeros((N, 3), jnp.int32), jnp.float32(jnp.inf))
+    return Lanes(key, genes, nothing, jnp.full(P, jnp.inf), best)
+
+
 def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
     """(bin int32 [P, N], corner int32 [P, N, 3], cost float32 [P]); the rows are the stock's.
 
@@ -84,55 +100,59 @@ def cost_of(stock: Stock, bin: Array) -> Array:
     return price + WEIGHT_OF_FILL * (1 - even) + UNPACKED * missing
 
 
-@partial(jax.jit, static_argnames=("rules", "rounds"))
-def advance(rules: ExactRules, rounds: int, stock: Stock, lanes: Lanes, heat: Array) -> Lanes:
+@partial(jax.jit, static_argnames="rules")
+def advance(
+    rules: ExactRules, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, as_given: Array
+) -> Lanes:
     """So many rounds; then the worst quarter of the lanes go on from better ones.
 
+    The one program of a search: it takes seconds to compile.
+
     Args:
+        rounds: int32[].
         heat: float32[], rises in cost of this size are accepted one time in three.
+        as_given: bool[], packs the lanes as they are instead, to know what they cost.
     """
 
-    def one_round(lanes: Lanes, step: None) -> tuple[Lanes, None]:
+    def one_round(_: Array, lanes: Lanes) -> Lanes:
         key, change_key, coin_key = jax.random.split(lanes.key, 3)
         P = lanes.cost.shape[0]
         keys = jax.random.split(change_key, P)
-        genes = jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin)
-        bin, _, cost = pack_lanes(rules, stock, genes)
-        allowed = lanes.cost + heat * jax.random.exponential(coin_key, (P,))
-        kept = cost <= allowed
+        changed = jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin)
+        genes = jax.tree.map(lambda old, new: jnp.where(as_given, old, new), lanes.genes, changed)
+        bin, corner, cost = pack_lanes(rules, stock, genes)
+        kept = cost <= lanes.cost + heat * jax.random.exponential(coin_key, (P,))
         least = jnp.argmin(cost)
-        wins = cost[least] < lanes.best_cost
-        best = jax.tree.map(lambda leaf, old: jnp.where(wins, leaf[least], old), genes, lanes.best)
-        least_cost = jnp.minimum(lanes.best_cost, cost[least])
+        tried = Best(
+            jax.tree.map(lambda leaf: leaf[least], genes), bin[least], corner[least], cost[least]
+        )
+        wins = tried.cost < lanes.best.cost
+        best = jax.tree.map(lambda new, old: jnp.where(wins, new, old), tried, lanes.best)
         genes, bin, cost = jax.tree.map(
             lambda leaf, old: jnp.where(kept.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, old),
             (genes, bin, cost),
             (lanes.genes, lanes.bin, lanes.cost),
         )
-        return Lanes(key, genes, bin, cost, best, least_cost), None
+        return Lanes(key, genes, bin, cost, best)
 
-    lanes, _ = jax.lax.scan(one_round, lanes, None, length=rounds)
+    lanes = jax.lax.fori_loop(0, rounds, one_round, lanes)
     P = lanes.cost.shape[0]
     rank = jnp.argsort(lanes.cost)
-    source = rank.at[P - P // 4 :].set(rank[: P // 4])
+    source = jnp.where(as_given, jnp.arange(P), rank.at[P - P // 4 :].set(rank[: P // 4]))
     genes, bin, cost = jax.tree.map(lambda leaf: leaf[source], (lanes.genes, lanes.bin, lanes.cost))
     return lanes._replace(genes=genes, bin=bin, cost=cost)
 
 
-@partial(jax.jit, static_argnames="rules")
-def join(rules: ExactRules, stock: Stock, lanes: Lanes, others: Genes) -> Lanes:
-    """The best of the lanes and of other genes, as many as there are lanes."""
-    bin, _, cost = pack_lanes(rules, stock, others)
-    both = jax.tree.map(
-        lambda one, other: jnp.concatenate([one, other]),
-        (lanes.genes, lanes.bin, lanes.cost),
-        (others, bin, cost),
-    )
+@jax.jit
+def join(lanes: Lanes, others: Lanes) -> Lanes:
+    """The best of the lanes and of others, as many as there are lanes."""
+    mine, theirs = ((some.genes, some.bin, some.cost) for some in (lanes, others))
+    both = jax.tree.map(lambda one, other: jnp.concatenate([one, other]), mine, theirs)
     rank = jnp.argsort(both[2])[: len(lanes.cost)]
     genes, bin, cost = jax.tree.map(lambda leaf: leaf[rank], both)
-    wins = cost[0] < lanes.best_cost
-    best = jax.tree.map(lambda leaf, old: jnp.where(wins, leaf[0], old), genes, lanes.best)
-    return Lanes(lanes.key, genes, bin, cost, best, jnp.minimum(cost[0], lanes.best_cost))
+    wins = others.best.cost < lanes.best.cost
+    best = jax.tree.map(lambda new, old: jnp.where(wins, new, old), others.best, lanes.best)
+    return Lanes(lanes.key, genes, bin, cost, best)
 
 
 def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:

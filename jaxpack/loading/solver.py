@@ -20,11 +20,12 @@ from jaxpack.loading.figures import cost_bound, lower_bound, total_cost
 from jaxpack.loading.job import Job, Placement, Plan, Sides
 from jaxpack.loading.learned import policy_genes
 from jaxpack.loading.local_search import (
+    Best,
     Genes,
     Lanes,
     advance,
+    fresh_lanes,
     join,
-    pack_lanes,
 )
 from jaxpack.loading.stock import Loading, first_genes, load_job, plan_of
 from jaxpack.loading.units import units_of
@@ -33,7 +34,7 @@ from jaxpack.loading.validate import check_plan
 T = TypeVar("T")
 
 LANES = 32
-ROUNDS = 8  # per dispatch
+ROUNDS = jnp.int32(8)  # per dispatch
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
@@ -99,11 +100,11 @@ def improve(
     slack = 0.0 if units.exact else float(units.length)
     goal = _Goal(job, lower_bound(job), cost_bound(job), len(left_out))
     packings, best_cost = 0, math.inf
-    for lanes, tried in _searches(loading, options, policy, begun, stop):
+    for best, tried in _searches(loading, options, policy, begun, stop):
         packings += tried
-        if float(lanes.best_cost) < best_cost - 1e-6:
-            best_cost = float(lanes.best_cost)
-            plan = _decoded(loading, lanes.best, left_out)
+        if float(best.cost) < best_cost - 1e-6:
+            best_cost = float(best.cost)
+            plan = _decoded(loading, best, left_out)
             check_plan(job, plan, options.support, True, slack)
             reached = goal.reached_by(plan)
             yield _progress(goal, plan, begun, packings, "the bound" if reached else "time")
@@ -140,47 +141,47 @@ def _searches(
     policy: Policy | None,
     begun: float,
     stop: Callable[[], bool],
-) -> Iterator[tuple[Lanes, int]]:
-    """(the lanes with the best plan, packings tried since the last time), until the time is up."""
-    genes = first_genes(loading, np.random.default_rng(options.seed), LANES)
-    bin, _, cost = pack_lanes(loading.rules, loading.stock, genes)
-    least = int(jnp.argmin(cost))
-    best = jax.tree.map(lambda leaf: leaf[least], genes)
-    lanes = Lanes(jax.random.key(options.seed), genes, bin, cost, best, cost[least])
-    yield lanes, LANES
+) -> Iterator[tuple[Best, int]]:
+    """(the best packing so far, packings tried since the last time), until the time is up."""
+    stock, rules = loading.stock, loading.rules
+
+    def packed(genes: Genes) -> Lanes:
+        lanes = fresh_lanes(jax.random.key(options.seed), genes)
+        return advance(rules, stock, lanes, jnp.int32(1), jnp.float32(0), jnp.bool(True))
+
+    def dispatch(lanes: Lanes, heat: float) -> Lanes:
+        lanes = advance(rules, stock, lanes, ROUNDS, jnp.float32(heat), jnp.bool(False))
+        return jax.block_until_ready(lanes)
+
+    lanes = packed(first_genes(loading, np.random.default_rng(options.seed), LANES))
+    yield lanes.best, LANES
     drawn = None
     if policy:
         drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
-    keys = jax.random.split(lanes.key, _cores())
-    islands = [lanes._replace(key=key) for key in keys]
-
-    def dispatch(lanes: Lanes, heat: float) -> Lanes:
-        lanes = advance(loading.rules, ROUNDS, loading.stock, lanes, jnp.float32(heat))
-        return jax.block_until_ready(lanes)
-
-    longest, first = 0.0, True
+    islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, _cores())]
+    longest = 0.0
     while (spent := time.perf_counter() - begun) + longest < options.time_limit and not stop():
         heat = HEAT * (1 - spent / options.time_limit) ** 2
         work = [_in_thread(partial(dispatch, lanes, heat)) for lanes in islands]
-        # The first dispatch compiles, on a slow machine for longer than there is time.
         done = [task(options.time_limit - spent) for task in work]
         if any(lanes is None for lanes in done):
             return
         islands = [lanes for lanes in done if lanes is not None]
-        if first:
-            first = False  # it compiled
-        else:
-            longest = max(longest, time.perf_counter() - begun - spent)
-        if drawn and (seeds := drawn(0)) is not None:
+        tried = LANES * int(ROUNDS) * len(islands)
+        if drawn and (genes := drawn(0)) is not None:
             drawn = None
-            islands[-1] = join(loading.rules, loading.stock, islands[-1], seeds)
-        yield min(islands, key=lambda lanes: float(lanes.best_cost)), LANES * ROUNDS * len(islands)
+            for first in range(0, len(genes.order), LANES):
+                some = jax.tree.map(lambda leaf: leaf[first : first + LANES], genes)  # noqa: B023
+                islands[-1] = join(islands[-1], packed(some))
+            tried += len(genes.order)
+        longest = max(longest, time.perf_counter() - begun - spent)
+        yield min((lanes.best for lanes in islands), key=lambda best: float(best.cost)), tried
 
 
-def _decoded(loading: Loading, best: Genes, left_out: tuple[int, ...]) -> Plan:
-    repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (LANES, *leaf.shape)), best)
-    bin, corner, _ = pack_lanes(loading.rules, loading.stock, repeated)
-    order, turn, bin, corner = map(np.asarray, (best.order, best.turn, bin[0], corner[0]))
+def _decoded(loading: Loading, best: Best, left_out: tuple[int, ...]) -> Plan:
+    order, turn, bin, corner = map(
+        np.asarray, (best.genes.order, best.genes.turn, best.bin, best.corner)
+    )
     return with_cheapest_bins(loading.job, plan_of(loading, order, turn, bin, corner, left_out))
 
 
