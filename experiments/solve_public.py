@@ -18,7 +18,7 @@ from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, solve_job
 from jaxpack.solution import range_policy
 
-DATA = "shared/data"
+DATA = "experiments/data"
 MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
 
 
