@@ -39,8 +39,9 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
 
 def run_door(door: Callable[[Sequence[str]], None]) -> None:
     """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
-    # What orbax logs on a damaged checkpoint: the one line below says it.
-    logging.getLogger("absl").setLevel(logging.CRITICAL)
+    # What orbax logs on a damaged checkpoint or a full disk: the one line below says it.
+    for name in ("absl", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     # What the imports made stays: collections while a program is traced then skip it.
     gc.freeze()
     try:

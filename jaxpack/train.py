@@ -2,10 +2,13 @@
 
 import json
 import os
+import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import jax
@@ -17,7 +20,7 @@ from jaxpack.cli import parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import RunConfig, create_run, read_policy, read_run
+from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import TrainConfig
@@ -138,8 +141,23 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
     return run, config
 
 
-def follow(run: Path, config: RunConfig, console: Console) -> None:
-    """Trains to the end behind a progress bar, and into TensorBoard where it is installed."""
+@contextmanager
+def asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """A function that tells whether a SIGTERM came: it ends nothing while the block runs."""
+    asked = Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: asked.set())
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def follow(run: Path, config: RunConfig, console: Console, stop: Callable[[], bool]) -> None:
+    """Trains to the end behind a progress bar, and into TensorBoard where it is installed.
+
+    Args:
+        stop: asked after every chunk, see `train_run`.
+    """
     columns = ("{task.description}", "{task.completed}/{task.total}", "{task.fields[figures]}")
     progress = Progress(
         TextColumn(columns[0]),
@@ -152,7 +170,7 @@ def follow(run: Path, config: RunConfig, console: Console) -> None:
     board = _tensorboard(run)
     with progress:
         task = progress.add_task("training", total=config.train.updates, figures="compiling")
-        for record in train_run(run, config):
+        for record in train_run(run, config, stop):
             if "validation" in record:
                 figures = record["validation"]
                 console.print(f"update {record['update']}, greedy, validation: {_figures(figures)}")
@@ -225,12 +243,19 @@ def main(argv: Sequence[str]) -> None:
     options = parse_options(TrainOptions, "train", argv)
     run, config = start_or_resume(options)
     console = Console()
-    console.print(f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}")
-    try:
-        follow(run, config, console)
-    except DivergedError as error:
-        raise SystemExit(f"error: {error}") from None
-    finish(run, config, console)
+    with lock_run(run):
+        line = f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}"
+        console.print(line)
+        try:
+            with asked_to_stop() as stop:
+                follow(run, config, console, stop)
+        except DivergedError as error:
+            raise SystemExit(f"error: {error}") from None
+        if stop():
+            again = f"python -m jaxpack.train --resume {run}"
+            console.print(f"stopped and checkpointed; go on with: {again}", soft_wrap=True)
+        else:
+            finish(run, config, console)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,17 +43,24 @@ def chunk_length(config: RunConfig) -> int:
     return max(n for n in range(1, min(config.chunk, per_epoch) + 1) if per_epoch % n == 0)
 
 
-def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
+def train_run(
+    run: Path, config: RunConfig, stop: Callable[[], bool] = lambda: False
+) -> Iterator[dict[str, Any]]:
     """Trains in `run` from its newest checkpoint, or from the start, to the end.
+
+    Args:
+        stop: asked after every chunk; where it says so the run is checkpointed and left.
 
     Yields:
         every record as it is added to metrics.jsonl: of a chunk of updates, or of a validation.
 
     Raises:
         DivergedError: when a number is not finite; the last checkpoint is from before.
-        UserError: where the newest checkpoint is damaged.
+        UserError: where the newest checkpoint is damaged, or the folder cannot be written.
     """
     train, length = config.train, chunk_length(config)
+    # By the update's number alone: a run that was stopped in between validates at the same ones.
+    every = length * math.ceil(config.checkpoint_every / length)
     checkpoints: Checkpoints | None = None
     snapshot = None
     if (run / "checkpoints").is_dir():
@@ -75,14 +82,18 @@ def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
         values = {name: float(value) for name, value in outcome.items()}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
         yield _log(run, place | values | speed)
-        if update - saved >= config.checkpoint_every or update == train.updates:
+        stopping, due = stop(), update % every == 0 or update == train.updates
+        if due:
             means = validate_policy(train, state.params, state.key)
             yield _log(run, place | {"validation": means})
             if means["cost"] < best.cost:
                 best = best_of_state(state, means["cost"])
+        if due or stopping:
             checkpoints = checkpoints or Checkpoints(run)
             checkpoints.save(Snapshot(state, best))
             saved = update
+        if stopping:
+            break
     if checkpoints:
         checkpoints.close()
 

@@ -24,6 +24,8 @@ def replace_file(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
             os.fsync(file.fileno())
         os.replace(beside, path)
     except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another") from error
+        raise UserError(
+            f"{path}: cannot be written ({error.strerror}); make room or name another"
+        ) from error
     finally:
         beside.unlink(missing_ok=True)
