@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.devices import by_batch, data_mesh, split_batch
 from jaxpack.errors import UserError
 from jaxpack.methods import Method
 from jaxpack.packing.instances import Cell, Distribution, uniform_instance
@@ -98,6 +99,7 @@ class Comparison:
     seeds: int = 1
     batch: int = 100
     validate: bool = True
+    devices: int = 1  # that share each batch
 
     def __post_init__(self) -> None:
         for name in ("instances", "seeds", "batch"):
@@ -108,7 +110,7 @@ class Comparison:
     def threads(self) -> int:
         """Batches solved at the same time."""
         batches = -(-self.instances * self.seeds // self.batch)
-        return min(len(os.sched_getaffinity(0)), batches)
+        return min(max(1, len(os.sched_getaffinity(0)) // self.devices), batches)
 
 
 def make_instances(comparison: Comparison, cell: Cell, slots: int) -> tuple[Instance, Array]:
@@ -161,9 +163,13 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
         Cell(comparison.problem.bin, Distribution(slots, 1, 1)),
         slots,
     )
-    instances, keys = jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct((comparison.batch, *leaf.shape[1:]), leaf.dtype), example
-    )
+    mesh = data_mesh(comparison.devices)
+
+    def batch_of(leaf: Array) -> jax.ShapeDtypeStruct:
+        shape = (comparison.batch, *leaf.shape[1:])
+        return jax.ShapeDtypeStruct(shape, leaf.dtype, sharding=by_batch(mesh))
+
+    instances, keys = jax.tree.map(batch_of, example)
     judge = partial(pack_orders, comparison.problem)
     if method.search is None or method.seconds is None:
 
@@ -171,10 +177,10 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
             orders = method.orders(keys, instances)
             return orders, judge(instances, orders)
 
-        return jax.jit(solve).lower(keys, instances).compile()
-    search = compile_search(method.search, keys, instances)
-    orders = jax.ShapeDtypeStruct((comparison.batch, slots), jnp.int32)
-    packed = jax.jit(judge).lower(instances, orders).compile()
+        return jax.jit(split_batch(mesh, solve)).lower(keys, instances).compile()
+    search = compile_search(method.search, keys, instances, mesh)
+    orders = batch_of(jnp.zeros((1, slots), jnp.int32))
+    packed = jax.jit(split_batch(mesh, judge)).lower(instances, orders).compile()
     # Batches share the cores: each may take longer than its share of the whole's time.
     seconds = method.seconds * comparison.batch * comparison.threads
 
@@ -185,6 +191,10 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
     return run
 
 
+def _rows(batch: Any, rows: np.ndarray) -> Any:
+    return jax.tree.map(lambda leaf: leaf[rows], batch)
+
+
 def _run(
     comparison: Comparison, solver: Solver, instances: Instance, keys: Array
 ) -> tuple[float, np.ndarray, Packing]:
@@ -193,7 +203,8 @@ def _run(
     # The last batch repeats the last instance: one compiled shape, and its rows are dropped.
     starts = range(0, total, comparison.batch)
     picks = [np.minimum(np.arange(s, s + comparison.batch), total - 1) for s in starts]
-    batches = [jax.tree.map(lambda leaf: leaf[p], (keys, instances)) for p in picks]  # noqa: B023
+    place = by_batch(data_mesh(comparison.devices))
+    batches = [jax.device_put(_rows((keys, instances), pick), place) for pick in picks]
     jax.block_until_ready(batches)
     with ThreadPoolExecutor(comparison.threads) as pool:
         start = time.perf_counter()

@@ -10,6 +10,7 @@ from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, parse_sides, parse_whole, run_door
 from jaxpack.comparison import Comparison, Row, compare, grid_cells, grid_problem
+from jaxpack.devices import pick_devices
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_policy
@@ -44,6 +45,8 @@ class EvaluateOptions:
     """Ranges of item sides, such as 1-5,2-5."""
     batch: int = 100
     """Instances side by side; changes the time, not the figures."""
+    devices: int | None = None
+    """Devices that share each batch; the most that divide it if not given."""
     run: Path | None = None
     """The run folder whose policy is used; the shipped ones if not given."""
     json: Path | None = None
@@ -92,7 +95,7 @@ def main(argv: Sequence[str]) -> None:
     problem = grid_problem(recipe.problem, cells)
     comparison = Comparison(
         problem, options.instances, options.seed, options.seeds, options.batch,
-        validate=not options.no_validate,
+        not options.no_validate, pick_devices(options.devices, options.batch),
     )  # fmt: skip
     for option in ("time_limit", "search_width", "search_draws", "search_rounds"):
         if getattr(options, option) is not None and not getattr(options, option) > 0:

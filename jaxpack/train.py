@@ -12,12 +12,14 @@ from threading import Event
 from typing import Any
 
 import jax
+from jax.sharding import Mesh
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional
 
 from jaxpack.cli import parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
+from jaxpack.devices import data_mesh, pick_devices
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
@@ -85,6 +87,8 @@ class TrainOptions:
     """Updates per dispatch and per line of metrics.jsonl, at most."""
     checkpoint_every: int = 100
     """Updates between validations and checkpoints, at least."""
+    devices: int | None = None
+    """Devices that share each batch; the most that divide it if not given. Goes with --resume."""
 
 
 def make_recipe(options: TrainOptions) -> TrainConfig:
@@ -122,12 +126,13 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
     return replace(recipe, problem=problem, distribution=distribution, policy=policy, **given)
 
 
-def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
-    """The run folder, made or found, and its config."""
+def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
+    """The run folder, made or found, its config, and the devices that will train it."""
     if options.resume is not None:
-        if options != TrainOptions(resume=options.resume):
+        if options != TrainOptions(resume=options.resume, devices=options.devices):
             raise UserError("--resume takes no other option: the run folder holds them all")
-        return options.resume, read_run(options.resume)
+        config = read_run(options.resume)
+        return options.resume, config, _mesh(options, config)
     for name in ("chunk", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
@@ -135,10 +140,15 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
     config = RunConfig(
         options.preset, options.seed, recipe, options.chunk, options.checkpoint_every
     )
+    mesh = _mesh(options, config)
     stamp = time.strftime("%Y%m%d-%H%M%S")
     run = options.run or Path("runs") / f"{options.preset}-{stamp}-{os.getpid()}"
     create_run(run, config)
-    return run, config
+    return run, config, mesh
+
+
+def _mesh(options: TrainOptions, config: RunConfig) -> Mesh:
+    return data_mesh(pick_devices(options.devices, config.train.batch))
 
 
 @contextmanager
@@ -152,11 +162,12 @@ def asked_to_stop() -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGTERM, before)
 
 
-def follow(run: Path, config: RunConfig, console: Console, stop: Callable[[], bool]) -> None:
+def follow(
+    run: Path, config: RunConfig, console: Console, stop: Callable[[], bool], mesh: Mesh
+) -> None:
     """Trains to the end behind a progress bar, and into TensorBoard where it is installed.
 
-    Args:
-        stop: asked after every chunk, see `train_run`.
+    `stop` and `mesh`: see `train_run`.
     """
     columns = ("{task.description}", "{task.completed}/{task.total}", "{task.fields[figures]}")
     progress = Progress(
@@ -170,7 +181,7 @@ def follow(run: Path, config: RunConfig, console: Console, stop: Callable[[], bo
     board = _tensorboard(run)
     with progress:
         task = progress.add_task("training", total=config.train.updates, figures="compiling")
-        for record in train_run(run, config, stop):
+        for record in train_run(run, config, stop, mesh):
             if "validation" in record:
                 figures = record["validation"]
                 console.print(f"update {record['update']}, greedy, validation: {_figures(figures)}")
@@ -241,14 +252,15 @@ def _tensorboard(run: Path) -> Any:
 def main(argv: Sequence[str]) -> None:
     """Parses, trains, prints."""
     options = parse_options(TrainOptions, "train", argv)
-    run, config = start_or_resume(options)
+    run, config, mesh = start_or_resume(options)
     console = Console()
     with lock_run(run):
-        line = f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}"
-        console.print(line)
+        devices = "" if mesh.size == 1 else f" on {mesh.size} devices"
+        what = f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}"
+        console.print(what + devices)
         try:
             with asked_to_stop() as stop:
-                follow(run, config, console, stop)
+                follow(run, config, console, stop, mesh)
         except DivergedError as error:
             raise SystemExit(f"error: {error}") from None
         if stop():

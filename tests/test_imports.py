@@ -9,15 +9,17 @@ ROOT = Path(jaxpack.__file__).parent
 DOORS = {"train", "evaluate"}
 ROOMS = {"packing", "solvers", "learning", "files"}
 TOP = {"methods", "comparison", "tables", "training", "cli"}
+BASE = {"errors", "devices"}
 ALLOWED = {
     "errors": set(),
+    "devices": {"errors"},
     "packing": {"errors", "packing"},
-    "solvers": {"errors", "packing", "solvers"},
-    "learning": {"errors", "packing", "learning"},
-    "files": {"errors", "packing", "learning", "files"},
-    **{name: {"errors"} | ROOMS | TOP for name in TOP},
-    **{door: {"errors"} | ROOMS | TOP for door in DOORS},
-    "__init__": {"errors"} | ROOMS | TOP,
+    "solvers": BASE | {"packing", "solvers"},
+    "learning": BASE | {"packing", "learning"},
+    "files": BASE | {"packing", "learning", "files"},
+    **dict.fromkeys(TOP, BASE | ROOMS | TOP),
+    **dict.fromkeys(DOORS, BASE | ROOMS | TOP),
+    "__init__": BASE | ROOMS | TOP,
 }
 
 

@@ -26,8 +26,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
+from jaxpack.devices import data_mesh, on_all
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
@@ -63,9 +65,13 @@ class Snapshot(NamedTuple):
     best: Best
 
 
-def first_snapshot(config: RunConfig) -> Snapshot:
-    """Where a run begins."""
-    state = jax.jit(init_state, static_argnums=0)(config.train, jax.random.key(config.seed))
+def first_snapshot(config: RunConfig, mesh: Mesh | None = None) -> Snapshot:
+    """Where a run begins, on all devices of `mesh`; on one if not given."""
+
+    def init(seed: ArrayLike) -> TrainState:
+        return init_state(config.train, jax.random.key(seed))
+
+    state = jax.jit(init, out_shardings=on_all(mesh or data_mesh()))(config.seed)
     return Snapshot(state, best_of_state(state, jnp.inf))
 
 
@@ -185,8 +191,8 @@ class Checkpoints:
             where = self._run / "checkpoints" / str(step)
             raise _unwritable(self._run, where, _reason(error)) from error
 
-    def restore(self, config: RunConfig) -> Snapshot | None:
-        """The newest snapshot, None where there is no checkpoint yet.
+    def restore(self, config: RunConfig, mesh: Mesh | None = None) -> Snapshot | None:
+        """The newest snapshot, on all devices of `mesh`; None where there is no checkpoint yet.
 
         Raises:
             UserError: where the newest checkpoint cannot be read.
@@ -194,7 +200,11 @@ class Checkpoints:
         latest = self._manager.latest_step()
         if latest is None:
             return None
-        wanted = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
+        shapes = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
+        everywhere = on_all(mesh or data_mesh())
+        wanted = jax.tree.map(
+            lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=everywhere), shapes
+        )
         where = self._run / "checkpoints" / str(latest)
         plain, reason = self._read(latest, wanted)
         if plain is None:
