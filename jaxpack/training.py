@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
-from jaxpack.devices import PART, WHOLE, data_mesh, split_batch
+from jaxpack.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
 from jaxpack.files.runs import (
     Checkpoints,
     RunConfig,
@@ -53,6 +53,8 @@ def train_run(
 ) -> Iterator[dict[str, Any]]:
     """Trains in `run` from its newest checkpoint, or from the start, to the end.
 
+    Of several processes all train and checkpoint, and process 0 writes metrics.jsonl.
+
     Args:
         stop: asked after every chunk; where it says so the run is checkpointed and left.
         mesh: the devices that share every batch, from `data_mesh`; one if not given.
@@ -74,7 +76,8 @@ def train_run(
         snapshot = checkpoints.restore(config, mesh)
     state, best = snapshot or first_snapshot(config, mesh)
     update = saved = int(state.update)
-    rewind_lines(run, update)
+    if is_first():
+        rewind_lines(run, update)
     start = time.perf_counter()
     while update < train.updates:
         began = time.perf_counter()
@@ -88,7 +91,7 @@ def train_run(
         values = {name: float(value) for name, value in outcome.items()}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
         yield _log(run, place | values | speed)
-        stopping, due = stop(), update % every == 0 or update == train.updates
+        stopping, due = anywhere(stop()), update % every == 0 or update == train.updates
         if due:
             means = validate_policy(train, state.params, state.key, mesh)
             yield _log(run, place | {"validation": means})
@@ -105,7 +108,8 @@ def train_run(
 
 
 def _log(run: Path, record: dict[str, Any]) -> dict[str, Any]:
-    append_line(run, record)
+    if is_first():
+        append_line(run, record)
     return record
 
 
