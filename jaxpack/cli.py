@@ -41,8 +41,10 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
 
 def run_door(door: Callable[[Sequence[str]], None]) -> None:
     """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
-    # What orbax logs on a damaged checkpoint: the one line below says it.
-    logging.getLogger("absl").setLevel(logging.CRITICAL)
+    code = 0
+    # What orbax logs on a damaged checkpoint or a full disk: the one line below says it.
+    for name in ("absl", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     # What the imports made stays: collections while a program is traced then skip it.
     gc.freeze()
     try:
@@ -51,9 +53,15 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     except UserError as error:
         line = " ".join(str(error).split())
         print(f"error: {line}", file=sys.stderr)
-        sys.exit(2)
+        code = 2
     except KeyboardInterrupt:
-        sys.exit(130)
+        code = 130
+    if code and jax.distributed.is_initialized():
+        # The usual end waits minutes for the other processes, which may be waiting for this one.
+        sys.stdout.flush()
+        os._exit(code)
+    if code:
+        sys.exit(code)
 
 
 def use_compilation_cache() -> None:

@@ -1,7 +1,8 @@
 """Methods side by side on the same instances: every order packed by the one judge, then checked.
 
 A grid is every combination of item counts, bins and side ranges. All its cells share one padded
-shape, so each method compiles once for the whole grid; seeds are pooled within a cell.
+shape, so each method compiles once for the whole grid; seeds are pooled within a cell. Instances
+are made, packed and summed up in chunks: of a million of them one chunk is in memory.
 """
 
 import os
@@ -18,7 +19,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.devices import by_batch, data_mesh, split_batch
 from jaxpack.errors import UserError
+from jaxpack.files.sweeps import Sweep, Tally, tally
+from jaxpack.learning.rollout import LANES, in_pieces
 from jaxpack.methods import Method
 from jaxpack.packing.instances import Cell, Distribution, uniform_instance
 from jaxpack.packing.metrics import (
@@ -98,59 +102,88 @@ class Comparison:
     seeds: int = 1
     batch: int = 100
     validate: bool = True
+    devices: int = 1  # that share each batch
+    chunk: int = 10_000  # instances in memory at a time
 
     def __post_init__(self) -> None:
-        for name in ("instances", "seeds", "batch"):
+        for name in ("instances", "seeds", "batch", "chunk"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} {getattr(self, name)}: give at least 1")
 
     @property
     def threads(self) -> int:
         """Batches solved at the same time."""
-        batches = -(-self.instances * self.seeds // self.batch)
-        return min(len(os.sched_getaffinity(0)), batches)
+        batches = -(-min(self.instances * self.seeds, self.chunk) // self.batch)
+        return min(max(1, len(os.sched_getaffinity(0)) // self.devices), batches)
 
 
-def make_instances(comparison: Comparison, cell: Cell, slots: int) -> tuple[Instance, Array]:
-    """(instances, keys) of a cell, seeds one after the other: leaves [seeds * instances, ...]."""
-    d, problem = cell.distribution, comparison.problem
-    bin = jnp.asarray(cell.bin)
-    seeds = jnp.arange(comparison.seeds) + comparison.seed
+def make_instances(
+    comparison: Comparison, cell: Cell, slots: int, rows: range | None = None
+) -> tuple[Instance, Array]:
+    """(instances, keys) of a cell, seeds one after the other: leaves [seeds * instances, ...].
 
-    @jax.jit
-    def make(seeds: Array, items: int, low: int, high: int, bin: Array) -> tuple[Instance, Array]:
-        def one(seed: Array, index: Array) -> tuple[Instance, Array]:
-            root = jax.random.key(seed)
-            key, method_key = (
-                jax.random.fold_in(jax.random.fold_in(root, stream), index)
-                for stream in (INSTANCE_STREAM, METHOD_STREAM)
-            )
-            return uniform_instance(problem, key, slots, items, low, high, bin), method_key
+    Args:
+        rows: only those of that range.
+    """
+    if rows is None:
+        rows = range(comparison.seeds * comparison.instances)
+    seed, index = np.divmod(np.arange(rows.start, rows.stop), comparison.instances)
+    d = cell.distribution
+    made: tuple[Instance, Array] = _make_instances(
+        comparison.problem,
+        slots,
+        (seed + comparison.seed).astype(np.int32),
+        index.astype(np.int32),
+        (d.items, d.low, d.high, jnp.asarray(cell.bin)),
+    )
+    return made
 
-        indices = jnp.arange(comparison.instances)
-        pairs = jax.vmap(jax.vmap(one, (None, 0)), (0, None))(seeds, indices)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), pairs)
 
-    return make(seeds, d.items, d.low, d.high, bin)
+@partial(jax.jit, static_argnames=("problem", "slots"))
+def _make_instances(
+    problem: Problem, slots: int, seeds: Array, indices: Array, cell: tuple
+) -> tuple[Instance, Array]:
+    def one(seed: Array, index: Array) -> tuple[Instance, Array]:
+        root = jax.random.key(seed)
+        key, method_key = (
+            jax.random.fold_in(jax.random.fold_in(root, stream), index)
+            for stream in (INSTANCE_STREAM, METHOD_STREAM)
+        )
+        return uniform_instance(problem, key, slots, *cell), method_key
+
+    return jax.vmap(one)(seeds, indices)
 
 
 def compare(
-    comparison: Comparison, method_name: str, method: Method, cells: Sequence[Cell]
+    comparison: Comparison,
+    method_name: str,
+    method: Method,
+    cells: Sequence[Cell],
+    sweep: Sweep | None = None,
 ) -> list[Row]:
     """One row per cell for one method.
+
+    Args:
+        sweep: what is done already, and where to keep what is done now.
 
     Raises:
         InvalidPackingError: where a packing behind a row breaks a rule.
     """
     slots = max(cell.distribution.items for cell in cells)
     solver = _compile(comparison, method, slots)
+    sweep = sweep or Sweep()
     rows = []
-    for cell in cells:
-        instances, keys = make_instances(comparison, cell, slots)
-        seconds, orders, packings = _run(comparison, solver, instances, keys)
-        if comparison.validate:
-            check_packings(comparison.problem, instances, orders, packings, method_name)
-        rows.append(_row(comparison, method_name, cell, instances, packings, seconds))
+    for number, cell in enumerate(cells):
+        total = comparison.instances * comparison.seeds
+        for first in range(sweep.done(method_name, number).count, total, comparison.chunk):
+            chunk = range(first, min(first + comparison.chunk, total))
+            instances, keys = make_instances(comparison, cell, slots, chunk)
+            seconds, orders, packings = _run(comparison, solver, instances, keys)
+            if comparison.validate:
+                check_packings(comparison.problem, instances, orders, packings, method_name)
+            values = {k: np.asarray(v, float) for k, v in _judge(instances, packings).items()}
+            sweep.add(method_name, number, tally(values, seconds))
+        rows.append(_row(comparison, method_name, cell, sweep.done(method_name, number)))
     return rows
 
 
@@ -161,9 +194,13 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
         Cell(comparison.problem.bin, Distribution(slots, 1, 1)),
         slots,
     )
-    instances, keys = jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct((comparison.batch, *leaf.shape[1:]), leaf.dtype), example
-    )
+    mesh = data_mesh(comparison.devices)
+
+    def batch_of(leaf: Array) -> jax.ShapeDtypeStruct:
+        shape = (comparison.batch, *leaf.shape[1:])
+        return jax.ShapeDtypeStruct(shape, leaf.dtype, sharding=by_batch(mesh))
+
+    instances, keys = jax.tree.map(batch_of, example)
     judge = partial(pack_orders, comparison.problem)
     if method.search is None or method.seconds is None:
 
@@ -171,10 +208,10 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
             orders = method.orders(keys, instances)
             return orders, judge(instances, orders)
 
-        return jax.jit(solve).lower(keys, instances).compile()
-    search = compile_search(method.search, keys, instances)
-    orders = jax.ShapeDtypeStruct((comparison.batch, slots), jnp.int32)
-    packed = jax.jit(judge).lower(instances, orders).compile()
+        return jax.jit(split_batch(mesh, solve)).lower(keys, instances).compile()
+    search = compile_search(method.search, keys, instances, mesh)
+    orders = batch_of(jnp.zeros((1, slots), jnp.int32))
+    packed = jax.jit(split_batch(mesh, judge)).lower(instances, orders).compile()
     # Batches share the cores: each may take longer than its share of the whole's time.
     seconds = method.seconds * comparison.batch * comparison.threads
 
@@ -185,6 +222,10 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
     return run
 
 
+def _rows(batch: Any, rows: np.ndarray) -> Any:
+    return jax.tree.map(lambda leaf: leaf[rows], batch)
+
+
 def _run(
     comparison: Comparison, solver: Solver, instances: Instance, keys: Array
 ) -> tuple[float, np.ndarray, Packing]:
@@ -193,7 +234,8 @@ def _run(
     # The last batch repeats the last instance: one compiled shape, and its rows are dropped.
     starts = range(0, total, comparison.batch)
     picks = [np.minimum(np.arange(s, s + comparison.batch), total - 1) for s in starts]
-    batches = [jax.tree.map(lambda leaf: leaf[p], (keys, instances)) for p in picks]  # noqa: B023
+    place = by_batch(data_mesh(comparison.devices))
+    batches = [jax.device_put(_rows((keys, instances), pick), place) for pick in picks]
     jax.block_until_ready(batches)
     with ThreadPoolExecutor(comparison.threads) as pool:
         start = time.perf_counter()
@@ -203,9 +245,13 @@ def _run(
     return seconds, *whole
 
 
-@partial(jax.jit)
-@jax.vmap
-def _judge(instance: Instance, packing: Packing) -> dict[str, Array]:
+@jax.jit
+def _judge(instances: Instance, packings: Packing) -> dict[str, Array]:
+    # In pieces of one shape: the last bit of a mean may depend on how XLA vectorises a batch.
+    return in_pieces(lambda piece: jax.vmap(_measures)(*piece), (instances, packings), LANES)
+
+
+def _measures(instance: Instance, packing: Packing) -> dict[str, Array]:
     return {
         "compactness": compactness(instance, packing),
         "pyramid": pyramid(packing),
@@ -215,24 +261,14 @@ def _judge(instance: Instance, packing: Packing) -> dict[str, Array]:
     }
 
 
-def _row(
-    comparison: Comparison,
-    method_name: str,
-    cell: Cell,
-    instances: Instance,
-    packings: Packing,
-    seconds: float,
-) -> Row:
-    values = {k: np.asarray(v, float) for k, v in _judge(instances, packings).items()}
-    means = {name: float(value.mean()) for name, value in values.items()}
-    total = len(values["bins"])
-    errors = {name: float(v.std(ddof=min(1, total - 1)) / total**0.5) for name, v in values.items()}
+def _row(comparison: Comparison, method_name: str, cell: Cell, total: Tally) -> Row:
+    means = {name: total.mean(name) for name in total.sums}
     d = cell.distribution
     return Row(
         method=method_name,
         **means,
         gap=means["bins"] / means["lower_bound"] - 1,
-        ms_per_instance=seconds / total * 1e3,
+        ms_per_instance=total.seconds / total.count * 1e3,
         batch=comparison.batch,
         instances=comparison.instances,
         seed=comparison.seed,
@@ -240,5 +276,5 @@ def _row(
         items=d.items,
         bin=cell.bin,
         sides=(d.low, d.high),
-        standard_error=errors,
+        standard_error={name: total.standard_error(name) for name in total.sums},
     )

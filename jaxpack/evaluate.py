@@ -1,18 +1,26 @@
 """`python -m jaxpack.evaluate`: methods side by side on fresh instances, or over a grid."""
 
+import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+import jax
+import numpy as np
 from rich.console import Console
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, parse_sides, parse_whole, run_door
 from jaxpack.comparison import Comparison, Row, compare, grid_cells, grid_problem
+from jaxpack.devices import pick_devices
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_policy
+from jaxpack.files.sweeps import open_sweep
+from jaxpack.files.weights import Policy
 from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
@@ -44,8 +52,14 @@ class EvaluateOptions:
     """Ranges of item sides, such as 1-5,2-5."""
     batch: int = 100
     """Instances side by side; changes the time, not the figures."""
+    devices: int | None = None
+    """Devices that share each batch; the most that divide it if not given."""
     run: Path | None = None
     """The run folder whose policy is used; the shipped ones if not given."""
+    chunk: int = 10_000
+    """Instances in memory at a time; changes neither."""
+    sweep: Path | None = None
+    """Keep the sums of every chunk in this file; the same command goes on from there."""
     json: Path | None = None
     """Write the rows to this file."""
     no_validate: FlagCreatePairsOff[bool] = False
@@ -79,6 +93,16 @@ def make_cells(options: EvaluateOptions, recipe: TrainConfig) -> list[Cell]:
     return grid_cells(recipe.problem, items, bins, sides)
 
 
+def sweep_options(options: EvaluateOptions, policy: Policy | None) -> dict[str, Any]:
+    """What the figures depend on, as plain data: not how they are made, nor where they go."""
+    how = ("batch", "chunk", "devices", "json", "no_validate", "sweep", "run")
+    told = {name: value for name, value in asdict(options).items() if name not in how}
+    if policy is not None:
+        weights = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(policy.params))
+        told["run's policy"] = hashlib.sha256(weights).hexdigest()[:16]
+    return told
+
+
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
@@ -92,7 +116,7 @@ def main(argv: Sequence[str]) -> None:
     problem = grid_problem(recipe.problem, cells)
     comparison = Comparison(
         problem, options.instances, options.seed, options.seeds, options.batch,
-        validate=not options.no_validate,
+        not options.no_validate, pick_devices(options.devices, options.batch), options.chunk,
     )  # fmt: skip
     for option in ("time_limit", "search_width", "search_draws", "search_rounds"):
         if getattr(options, option) is not None and not getattr(options, option) > 0:
@@ -103,11 +127,12 @@ def main(argv: Sequence[str]) -> None:
         raise UserError(f"--search-generations {options.search_generations}: give 0 or more")
     if options.time_limit and not set(names) & set(SEARCHES):
         raise UserError(f"--time-limit: none of the methods takes one, only {', '.join(SEARCHES)}")
+    policy = read_policy(options.run) if options.run else None
     settings = MethodOptions(
         objective=options.objective,
         brkga=BrkgaConfig(options.brkga_population, options.brkga_generations),
         brkga_seeded=not options.brkga_unseeded,
-        policy=read_policy(options.run) if options.run else None,
+        policy=policy,
         kinds=max(cell.distribution.kinds(problem) for cell in cells),
         width=options.search_width,
         draws=options.search_draws,
@@ -120,9 +145,11 @@ def main(argv: Sequence[str]) -> None:
         raise UserError(f"--json {options.json}: its folder does not exist; make it first")
     console = Console()
     rows: list[Row] = []
-    for name, method in methods.items():
-        with console.status(f"{name}, {len(cells)} x {options.instances} instances"):
-            rows += compare(comparison, name, method, cells)
+    kept = open_sweep(options.sweep, sweep_options(options, policy)) if options.sweep else None
+    with kept or nullcontext() as sweep:
+        for name, method in methods.items():
+            with console.status(f"{name}, {len(cells)} x {options.instances} instances"):
+                rows += compare(comparison, name, method, cells, sweep)
     rows.sort(key=lambda row: (row.items, row.bin, row.sides))
     if options.json:
         with replace_file(options.json) as file:

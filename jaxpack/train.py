@@ -2,22 +2,28 @@
 
 import json
 import os
+import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import jax
+from jax.sharding import Mesh
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional
 
 from jaxpack.cli import parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
+from jaxpack.devices import anywhere, data_mesh, is_first, join_processes, on_first, pick_devices
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import RunConfig, create_run, read_policy, read_run
+from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
+from jaxpack.files.weights import Policy
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import TrainConfig
@@ -27,6 +33,7 @@ from jaxpack.packing.instances import Cell
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
 
+WHERE = ("devices", "coordinator", "process_id", "num_processes")  # no part of what a run is
 FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100")
 
 
@@ -82,6 +89,14 @@ class TrainOptions:
     """Updates per dispatch and per line of metrics.jsonl, at most."""
     checkpoint_every: int = 100
     """Updates between validations and checkpoints, at least."""
+    devices: int | None = None
+    """Devices that share each batch; the most that divide it if not given. Goes with --resume."""
+    coordinator: str | None = None
+    """HOST:PORT of process 0, to train in several processes. Found under SLURM. With --resume."""
+    process_id: int | None = None
+    """Which of the processes this is, from 0. Goes with --resume."""
+    num_processes: int | None = None
+    """How many processes there are. Goes with --resume."""
 
 
 def make_recipe(options: TrainOptions) -> TrainConfig:
@@ -119,12 +134,14 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
     return replace(recipe, problem=problem, distribution=distribution, policy=policy, **given)
 
 
-def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
-    """The run folder, made or found, and its config."""
+def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
+    """The run folder, made or found, its config, and the devices that will train it."""
     if options.resume is not None:
-        if options != TrainOptions(resume=options.resume):
+        where = {name: getattr(options, name) for name in ("resume", *WHERE)}
+        if options != TrainOptions(**where):
             raise UserError("--resume takes no other option: the run folder holds them all")
-        return options.resume, read_run(options.resume)
+        config = read_run(options.resume)
+        return options.resume, config, _mesh(options, config)
     for name in ("chunk", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
@@ -132,14 +149,38 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig]:
     config = RunConfig(
         options.preset, options.seed, recipe, options.chunk, options.checkpoint_every
     )
+    mesh = _mesh(options, config)
     stamp = time.strftime("%Y%m%d-%H%M%S")
+    if options.run is None and jax.process_count() > 1:
+        raise UserError("--run: name the folder that the processes share")
     run = options.run or Path("runs") / f"{options.preset}-{stamp}-{os.getpid()}"
-    create_run(run, config)
-    return run, config
+    on_first(lambda: create_run(run, config))
+    return run, config, mesh
 
 
-def follow(run: Path, config: RunConfig, console: Console) -> None:
-    """Trains to the end behind a progress bar, and into TensorBoard where it is installed."""
+def _mesh(options: TrainOptions, config: RunConfig) -> Mesh:
+    devices = pick_devices(options.devices, config.train.batch, jax.process_count())
+    return data_mesh(devices, everywhere=True)
+
+
+@contextmanager
+def asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """A function that tells whether a SIGTERM came: it ends nothing while the block runs."""
+    asked = Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: asked.set())
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def follow(
+    run: Path, config: RunConfig, console: Console, stop: Callable[[], bool], mesh: Mesh
+) -> None:
+    """Trains to the end behind a progress bar, and into TensorBoard where it is installed.
+
+    `stop` and `mesh`: see `train_run`.
+    """
     columns = ("{task.description}", "{task.completed}/{task.total}", "{task.fields[figures]}")
     progress = Progress(
         TextColumn(columns[0]),
@@ -149,10 +190,10 @@ def follow(run: Path, config: RunConfig, console: Console) -> None:
         TimeRemainingColumn(),
         console=console,
     )
-    board = _tensorboard(run)
+    board = _tensorboard(run) if is_first() else None
     with progress:
         task = progress.add_task("training", total=config.train.updates, figures="compiling")
-        for record in train_run(run, config):
+        for record in train_run(run, config, stop, mesh):
             if "validation" in record:
                 figures = record["validation"]
                 console.print(f"update {record['update']}, greedy, validation: {_figures(figures)}")
@@ -169,9 +210,8 @@ def follow(run: Path, config: RunConfig, console: Console) -> None:
         board.close()
 
 
-def finish(run: Path, config: RunConfig, console: Console) -> None:
+def finish(run: Path, config: RunConfig, policy: Policy, console: Console) -> None:
     """The table, the picture and the path: the end of a run, also of one already trained."""
-    policy = read_policy(run)
     problem = config.train.problem
     comparison = Comparison(problem)
     cell = Cell(problem.bin, config.train.distribution)
@@ -223,14 +263,34 @@ def _tensorboard(run: Path) -> Any:
 def main(argv: Sequence[str]) -> None:
     """Parses, trains, prints."""
     options = parse_options(TrainOptions, "train", argv)
-    run, config = start_or_resume(options)
-    console = Console()
-    console.print(f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}")
-    try:
-        follow(run, config, console)
-    except DivergedError as error:
-        raise SystemExit(f"error: {error}") from None
-    finish(run, config, console)
+    join_processes(options.coordinator, options.process_id, options.num_processes)
+    run, config, mesh = start_or_resume(options)
+    console = Console(quiet=not is_first())
+    with ExitStack() as stack:
+        on_first(lambda: stack.enter_context(lock_run(run)))
+        devices = "" if mesh.size == 1 else f" on {mesh.size} devices"
+        what = f"{config.preset}, seed {config.seed}, {config.train.updates} updates in {run}"
+        console.print(what + devices)
+        try:
+            with asked_to_stop() as stop:
+                follow(run, config, console, stop, mesh)
+            stopped = anywhere(stop())
+            policy = None if stopped else read_policy(run)
+        except DivergedError as error:
+            raise SystemExit(f"error: {error}") from None
+        except (jax.errors.JaxRuntimeError, ValueError) as error:
+            if jax.process_count() == 1 or isinstance(error, UserError):
+                raise
+            reason = str(error).split("\n")[0]
+            raise UserError(
+                f"a process was lost ({reason}); start all again with --resume {run}"
+            ) from error
+        jax.distributed.shutdown()  # the rest is for process 0 alone
+        if policy is None:
+            again = f"python -m jaxpack.train --resume {run}"
+            console.print(f"stopped and checkpointed; go on with: {again}", soft_wrap=True)
+        elif is_first():
+            finish(run, config, policy, console)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 
+from jaxpack.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
 from jaxpack.files.runs import (
     Checkpoints,
     RunConfig,
@@ -43,29 +45,43 @@ def chunk_length(config: RunConfig) -> int:
     return max(n for n in range(1, min(config.chunk, per_epoch) + 1) if per_epoch % n == 0)
 
 
-def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
+def train_run(
+    run: Path,
+    config: RunConfig,
+    stop: Callable[[], bool] = lambda: False,
+    mesh: Mesh | None = None,
+) -> Iterator[dict[str, Any]]:
     """Trains in `run` from its newest checkpoint, or from the start, to the end.
+
+    Of several processes all train and checkpoint, and process 0 writes metrics.jsonl.
+
+    Args:
+        stop: asked after every chunk; where it says so the run is checkpointed and left.
+        mesh: the devices that share every batch, from `data_mesh`; one if not given.
 
     Yields:
         every record as it is added to metrics.jsonl: of a chunk of updates, or of a validation.
 
     Raises:
         DivergedError: when a number is not finite; the last checkpoint is from before.
-        UserError: where the newest checkpoint is damaged.
+        UserError: where the newest checkpoint is damaged, or the folder cannot be written.
     """
-    train, length = config.train, chunk_length(config)
+    train, length, mesh = config.train, chunk_length(config), mesh or data_mesh()
+    # By the update's number alone: a run that was stopped in between validates at the same ones.
+    every = length * math.ceil(config.checkpoint_every / length)
     checkpoints: Checkpoints | None = None
     snapshot = None
     if (run / "checkpoints").is_dir():
         checkpoints = Checkpoints(run)
-        snapshot = checkpoints.restore(config)
-    state, best = snapshot or first_snapshot(config)
+        snapshot = checkpoints.restore(config, mesh)
+    state, best = snapshot or first_snapshot(config, mesh)
     update = saved = int(state.update)
-    rewind_lines(run, update)
+    if is_first():
+        rewind_lines(run, update)
     start = time.perf_counter()
     while update < train.updates:
         began = time.perf_counter()
-        state, metrics = train_chunk(train, state, length)
+        state, metrics = train_chunk(train, state, length, mesh)
         if metrics.finite != 1:
             raise DivergedError(_diverged(run, update, update + length, saved))
         now = time.perf_counter()
@@ -75,34 +91,44 @@ def train_run(run: Path, config: RunConfig) -> Iterator[dict[str, Any]]:
         values = {name: float(value) for name, value in outcome.items()}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
         yield _log(run, place | values | speed)
-        if update - saved >= config.checkpoint_every or update == train.updates:
-            means = validate_policy(train, state.params, state.key)
+        stopping, due = anywhere(stop()), update % every == 0 or update == train.updates
+        if due:
+            means = validate_policy(train, state.params, state.key, mesh)
             yield _log(run, place | {"validation": means})
             if means["cost"] < best.cost:
                 best = best_of_state(state, means["cost"])
+        if due or stopping:
             checkpoints = checkpoints or Checkpoints(run)
             checkpoints.save(Snapshot(state, best))
             saved = update
+        if stopping:
+            break
     if checkpoints:
         checkpoints.close()
 
 
 def _log(run: Path, record: dict[str, Any]) -> dict[str, Any]:
-    append_line(run, record)
+    if is_first():
+        append_line(run, record)
     return record
 
 
-def validate_policy(config: TrainConfig, params: Params, key: Array) -> dict[str, float]:
-    """Means of the greedy policy on the run's validation set."""
-    means = _validation_means(config, params, key)
+def validate_policy(
+    config: TrainConfig, params: Params, key: Array, mesh: Mesh | None = None
+) -> dict[str, float]:
+    """Means of the greedy policy on the run's validation set, shared by the devices of `mesh`."""
+    means = _validation_means(config, params, key, mesh)
     return {name: float(value) for name, value in means.items()}
 
 
-@partial(jax.jit, static_argnames="config")
-def _validation_means(config: TrainConfig, params: Params, key: Array) -> dict[str, Array]:
-    batch = min(VALIDATION_BATCH, config.valid_instances)
+@partial(jax.jit, static_argnames=("config", "mesh"))
+def _validation_means(
+    config: TrainConfig, params: Params, key: Array, mesh: Mesh | None
+) -> dict[str, Array]:
+    devices = mesh.size if mesh else 1
+    batch = min(VALIDATION_BATCH, -(-config.valid_instances // devices))
 
-    def judge(rows: Array) -> dict[str, Array]:
+    def judge(params: Params, key: Array, rows: Array) -> dict[str, Array]:
         instances = validation_set(config, key, jnp.minimum(rows, config.valid_instances - 1))
         orders = greedy_orders(config.problem, config.policy, params, instances, config.kinds)
         packing = jax.vmap(partial(pack, config.problem))(instances, orders)
@@ -113,8 +139,13 @@ def _validation_means(config: TrainConfig, params: Params, key: Array) -> dict[s
             "bins": jax.vmap(bins_used)(packing),
         }
 
-    pieces = -(-config.valid_instances // batch)
-    judged = jax.lax.map(judge, jnp.arange(pieces * batch).reshape(pieces, batch))
+    pieces = -(-config.valid_instances // (batch * devices)) * devices
+    rows = jnp.arange(pieces * batch).reshape(pieces, batch)
+
+    def judge_pieces(params: Params, key: Array, rows: Array) -> dict[str, Array]:
+        return jax.lax.map(partial(judge, params, key), rows)
+
+    judged = split_batch(mesh, judge_pieces, (WHOLE, WHOLE, PART))(params, key, rows)
     return {k: v.reshape(-1)[: config.valid_instances].mean() for k, v in judged.items()}
 
 

@@ -2,8 +2,10 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -20,13 +22,17 @@ def run_door(tmp_path_factory):
     home = tmp_path_factory.mktemp("home")
     environment = os.environ | {"COLUMNS": "80"}
 
-    def run(door: str, *options: str) -> subprocess.CompletedProcess:
+    def start(door: str, *options: str) -> subprocess.Popen:
         command = [sys.executable, "-m", f"jaxpack.{door}", *options]
-        return subprocess.run(
-            command, cwd=home, env=environment, capture_output=True, text=True, timeout=400
-        )
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        return subprocess.Popen(command, cwd=home, env=environment, text=True, **pipes)
 
-    run.home = home
+    def run(door: str, *options: str) -> subprocess.CompletedProcess:
+        with start(door, *options) as process:
+            output, errors = process.communicate(timeout=400)
+        return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
+
+    run.home, run.start = home, start
     return run
 
 
@@ -205,3 +211,56 @@ def test_a_run_that_diverges_says_so_and_exits_with_1(home, run_door):
     assert "Traceback" not in done.stderr
     assert "training diverged between updates 0 and 5" in done.stderr
     assert "lower --learning-rate" in done.stderr
+
+
+def updates_logged(run):
+    if not (run / "metrics.jsonl").exists():
+        return []
+    lines = (run / "metrics.jsonl").read_text().splitlines()
+    return [record["update"] for record in map(json.loads, lines) if "validation" not in record]
+
+
+def start_and_wait(run_door, run, *options):
+    """A training process once it has added a line to the run's metrics."""
+    before = updates_logged(run)[-1:]
+    process = run_door.start("train", *options)
+    while updates_logged(run)[-1:] <= before:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.1)
+    return process
+
+
+def test_a_run_stops_at_sigterm_and_has_one_trainer(run_door):
+    run = run_door.home / "long"
+    endless = ("--epochs", "100000", "--hidden", "8", "--chunk", "5", "--checkpoint-every", "50000")
+    new, resume = ("paper-2d", *SMALL, *endless, "--run", "long"), ("--resume", "long")
+    term, kill = signal.SIGTERM, signal.SIGKILL
+    for options, last in ((new, term), (resume, kill), (resume, term)):
+        with start_and_wait(run_door, run, *options) as process:
+            if last == kill:
+                second = run_door("train", *resume)
+                message = "long: another process is training this run"
+                assert_refused(second.returncode, second.stdout, second.stderr, message)
+            process.send_signal(last)
+            output, errors = process.communicate(timeout=100)
+        if last == term:
+            assert process.returncode == 0, errors
+            assert output.rstrip().endswith("go on with: python -m jaxpack.train --resume long")
+            updates = updates_logged(run)
+            assert (run / "checkpoints" / str(updates[-1])).is_dir()
+            assert updates == list(range(5, updates[-1] + 1, 5)), "a line was lost or repeated"
+
+
+def test_a_full_disk_at_a_checkpoint_is_one_line_and_exit_code_2(run_door):
+    limited = (
+        "import resource, runpy, sys\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (6000, -1))\n"  # less than a checkpoint needs
+        "runpy.run_module('jaxpack.train', run_name='__main__')\n"
+    )
+    options = ("--hidden", "8", "--chunk", "5", "--checkpoint-every", "5", "--run", "full")
+    command = [sys.executable, "-W", "ignore", "-c", limited, "paper-2d", *SMALL, *options]
+    done = subprocess.run(command, cwd=run_door.home, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 2, done.stderr
+    *_, last = done.stderr.strip().splitlines()
+    assert last.startswith("error: full/checkpoints/5: cannot be written (File too large); make")
+    assert updates_logged(run_door.home / "full") == [5]

@@ -11,16 +11,18 @@ ROOT = Path(jaxpack.__file__).parent
 DOORS = {"train", "evaluate", "solve"}
 ROOMS = {"packing", "solvers", "learning", "loading", "files"}
 TOP = {"methods", "comparison", "tables", "training", "solution", "cli"}
+BASE = {"errors", "devices"}
 ALLOWED = {
     "errors": set(),
+    "devices": {"errors"},
     "packing": {"errors", "packing"},
-    "solvers": {"errors", "packing", "solvers"},
-    "learning": {"errors", "packing", "learning"},
-    "loading": {"errors", "packing", "learning", "solvers", "loading"},
-    "files": {"errors", "packing", "learning", "loading", "files"},
-    **{name: {"errors"} | ROOMS | TOP for name in TOP},
-    **{door: {"errors"} | ROOMS | TOP for door in DOORS},
-    "__init__": {"errors"} | ROOMS | TOP,
+    "solvers": BASE | {"packing", "solvers"},
+    "learning": BASE | {"packing", "learning"},
+    "loading": BASE | {"packing", "learning", "loading"},
+    "files": BASE | {"packing", "learning", "loading", "files"},
+    **dict.fromkeys(TOP, BASE | ROOMS | TOP),
+    **dict.fromkeys(DOORS, BASE | ROOMS | TOP),
+    "__init__": BASE | ROOMS | TOP,
 }
 
 

@@ -23,6 +23,7 @@ from jaxpack.files.runs import (
     append_line,
     create_run,
     first_snapshot,
+    lock_run,
     read_lines,
     read_policy,
     read_run,
@@ -103,6 +104,72 @@ def test_killed_and_resumed_is_bit_identical(uninterrupted, tmp_path):
     for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+
+
+def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted, tmp_path):
+    run = tmp_path / "stopped"
+    create_run(run, CONFIG)
+    answers = iter([False, False, True])
+    records = list(train_run(run, CONFIG, lambda: next(answers)))
+    assert records[-1]["update"] == 12, "between the validations at 8 and 16"
+    assert (run / "checkpoints" / "12").is_dir()
+    assert next(train_run(run, CONFIG))["update"] == 16
+    list(train_run(run, CONFIG))
+    for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+
+
+def test_a_full_disk_is_one_error_and_loses_nothing(uninterrupted, tmp_path):
+    run = tmp_path / "full"
+    create_run(run, CONFIG)
+    steps = train_run(run, CONFIG)
+    while next(steps)["update"] < 12:
+        pass
+    (run / "metrics.jsonl").rename(run / "kept")
+    (run / "metrics.jsonl").symlink_to("/dev/full")
+    with pytest.raises(UserError, match=r"metrics.jsonl: .*\(No space left on device\).*--resume"):
+        next(steps)
+    (run / "kept").rename(run / "metrics.jsonl")
+    list(train_run(run, CONFIG))
+    for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+
+
+def test_a_run_is_trained_by_one_process_at_a_time(tmp_path):
+    run = tmp_path / "run"
+    create_run(run, CONFIG)
+    refused = pytest.raises(UserError, match="another process is training")
+    with lock_run(run), refused, lock_run(run):
+        pass
+    with lock_run(run):
+        pass
+    refused = pytest.raises(UserError, match="No such file or directory")
+    with refused, lock_run(tmp_path / "none"):
+        pass
+
+
+def test_what_cannot_be_written_is_one_error(tmp_path):
+    run = tmp_path / "run"
+    create_run(run, CONFIG)
+    (run / "checkpoints").write_text("a file in the way")
+    with pytest.raises(UserError, match=r"checkpoints.*: cannot be written .*--resume"):
+        Checkpoints(run).save(first_snapshot(CONFIG))
+    (run / "metrics.jsonl").mkdir()
+    with pytest.raises(UserError, match=r"metrics.jsonl: cannot be written \(Is a directory\)"):
+        append_line(run, {"update": 4})
+    with pytest.raises(UserError, match="cannot be made"):
+        create_run(run / "checkpoints" / "inside", CONFIG)
+
+
+def test_reading_a_policy_leaves_the_trainers_files_alone(tmp_path):
+    run = tmp_path / "run"
+    train_until(run, 12)
+    half = run / "checkpoints" / "16.orbax-checkpoint-tmp"
+    half.mkdir()
+    read_policy(run)
+    assert half.is_dir(), "a checkpoint that another process is writing was deleted"
 
 
 def test_a_finished_run_has_nothing_left_to_do(uninterrupted):

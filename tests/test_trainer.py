@@ -86,7 +86,7 @@ def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatc
     assert len(row_of) == 64
     seen = []
 
-    def record(config, state, instances):
+    def record(config, state, instances, mesh):
         jax.debug.callback(lambda size: seen.extend(np.asarray(size)), instances.size, ordered=True)
         return state._replace(update=state.update + 1), NOTHING
 

@@ -16,6 +16,8 @@ from jaxpack.files.pictures import write_png
 from jaxpack.files.viewer import write_html
 from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 
+pytestmark = pytest.mark.slow
+
 NASTY = "</script><img src=x onerror=alert(1)> & {{plotly}}"
 TURNED = {2: "ZYX", 3: "YXZ"}
 

@@ -53,4 +53,4 @@ def _beside(path: Path) -> Path:
 
 
 def _unwritable(path: Path, error: OSError) -> UserError:
-    return UserError(f"{path}: cannot be written ({error.strerror}); choose another")
+    return UserError(f"{path}: cannot be written ({error.strerror}); make room or name another")

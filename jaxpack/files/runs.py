@@ -1,18 +1,23 @@
 """Run folders: everything a training run leaves behind, and what it needs to go on.
 
-    RUN/config.json      the recipe, the seed, the preset's name
+    RUN/config.json      the recipe, the seed, the preset's name; locked by who trains
     RUN/metrics.jsonl    a line per chunk of updates and per validation
     RUN/checkpoints/N/   the state after N updates and the best policy so far (orbax)
     RUN/table.json, table.txt, packing.png   the end of the run
 
 A folder appears with its config in it or not at all; a checkpoint likewise. Killed at any
-moment, a run loses what it did since its last checkpoint and nothing else.
+moment, or out of disk, a run loses what it did since its last checkpoint and nothing else.
 """
 
+import fcntl
 import json
 import os
+import re
+import shutil
 import tempfile
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,8 +26,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
+from jaxpack.devices import data_mesh, on_all
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
@@ -57,9 +64,13 @@ class Snapshot(NamedTuple):
     best: Best
 
 
-def first_snapshot(config: RunConfig) -> Snapshot:
-    """Where a run begins."""
-    state = jax.jit(init_state, static_argnums=0)(config.train, jax.random.key(config.seed))
+def first_snapshot(config: RunConfig, mesh: Mesh | None = None) -> Snapshot:
+    """Where a run begins, on all devices of `mesh`; on one if not given."""
+
+    def init(seed: ArrayLike) -> TrainState:
+        return init_state(config.train, jax.random.key(seed))
+
+    state = jax.jit(init, out_shardings=on_all(mesh or data_mesh()))(config.seed)
     return Snapshot(state, best_of_state(state, jnp.inf))
 
 
@@ -74,6 +85,7 @@ def create_run(path: Path, config: RunConfig) -> None:
     """Makes the run folder with its config. Raises UserError where it exists or cannot be made."""
     if path.exists():
         raise UserError(f"{path}: exists already; go on with --resume {path} or name another run")
+    beside = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -81,6 +93,8 @@ def create_run(path: Path, config: RunConfig) -> None:
         (beside / "config.json").write_text(json.dumps(config_to_dict(config), indent=2) + "\n")
         os.rename(beside, path)
     except OSError as error:
+        if beside is not None:
+            shutil.rmtree(beside, ignore_errors=True)
         raise UserError(f"{path}: cannot be made ({error.strerror}); name another run") from error
 
 
@@ -100,32 +114,84 @@ def read_run(path: Path) -> RunConfig:
     return config_from_dict(RunConfig, data, str(file))
 
 
-class Checkpoints:
-    """The checkpoints of a run folder, the newest two, written synchronously by orbax."""
+@contextmanager
+def lock_run(run: Path) -> Iterator[None]:
+    """Keeps every other process from training in `run` meanwhile.
 
-    def __init__(self, run: Path) -> None:
+    The lock is the kernel's and goes with the process that held it, however that ended. It is on
+    config.json, which nothing replaces.
+
+    Raises:
+        UserError: where another process has it, or the folder may not be written.
+    """
+    try:
+        file = open(run / "config.json", "r+")  # noqa: SIM115, closed below; NFS locks what it may write
+    except OSError as error:
+        raise _unwritable(run, run / "config.json", str(error.strerror)) from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(
+                f"{run}: another process is training this run; wait for its end or stop it first"
+            ) from None
+        yield
+
+
+def _unwritable(run: Path, path: Path, reason: str) -> UserError:
+    return UserError(
+        f"{path}: cannot be written ({reason}); make room or allow it, then go on with --resume "
+        f"{run}: what its last checkpoint holds is kept"
+    )
+
+
+class Checkpoints:
+    """The checkpoints of a run folder, the newest two, written synchronously by orbax.
+
+    Args:
+        read_only: touch nothing, for a run that another process may be training.
+
+    Raises:
+        UserError: where the folder for them cannot be made.
+    """
+
+    def __init__(self, run: Path, read_only: bool = False) -> None:
         # Imported here: it takes a quarter of a second that the first update need not wait for.
         import orbax.checkpoint as ocp
 
         self._orbax = ocp
         self._run = run
         options = ocp.CheckpointManagerOptions(
-            max_to_keep=2, enable_async_checkpointing=False, cleanup_tmp_directories=True
+            max_to_keep=None if read_only else 2,
+            enable_async_checkpointing=False,
+            cleanup_tmp_directories=not read_only,
+            create=not read_only,
+            read_only=read_only,
         )
-        self._manager = ocp.CheckpointManager(
-            (run / "checkpoints").resolve(),
-            options=options,
-            item_handlers=ocp.StandardCheckpointHandler(),
-        )
+        folder = (run / "checkpoints").resolve()
+        try:
+            self._manager = ocp.CheckpointManager(
+                folder, options=options, item_handlers=ocp.StandardCheckpointHandler()
+            )
+        except OSError as error:
+            raise _unwritable(run, folder, str(error.strerror)) from error
 
     def save(self, snapshot: Snapshot) -> None:
-        """Writes a snapshot; the folder of a checkpoint appears when it is complete."""
-        self._manager.save(
-            int(snapshot.state.update), args=self._orbax.args.StandardSave(_key_as_data(snapshot))
-        )
+        """Writes a snapshot; the folder of a checkpoint appears when it is complete.
 
-    def restore(self, config: RunConfig) -> Snapshot | None:
-        """The newest snapshot, None where there is no checkpoint yet.
+        Raises:
+            UserError: where it cannot be written; the checkpoints before it stay.
+        """
+        step = int(snapshot.state.update)
+        arguments = self._orbax.args.StandardSave(_key_as_data(snapshot))
+        try:
+            self._manager.save(step, args=arguments)
+        except Exception as error:
+            where = self._run / "checkpoints" / str(step)
+            raise _unwritable(self._run, where, _reason(error)) from error
+
+    def restore(self, config: RunConfig, mesh: Mesh | None = None) -> Snapshot | None:
+        """The newest snapshot, on all devices of `mesh`; None where there is no checkpoint yet.
 
         Raises:
             UserError: where the newest checkpoint cannot be read.
@@ -133,7 +199,11 @@ class Checkpoints:
         latest = self._manager.latest_step()
         if latest is None:
             return None
-        wanted = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
+        shapes = jax.eval_shape(lambda: _key_as_data(first_snapshot(config)))
+        everywhere = on_all(mesh or data_mesh())
+        wanted = jax.tree.map(
+            lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=everywhere), shapes
+        )
         where = self._run / "checkpoints" / str(latest)
         plain, reason = self._read(latest, wanted)
         if plain is None:
@@ -155,13 +225,19 @@ class Checkpoints:
                 if _shapes(self._manager.item_metadata(step).tree) != _shapes(wanted):
                     return None, "made with another config"
                 return self._manager.restore(step, args=arguments), ""
-            except Exception as error:  # orbax raises many kinds, none of them its own
-                lines = str(error).split("\n")
-                return None, lines[0].strip()[:120] or type(error).__name__
+            except Exception as error:
+                return None, _reason(error)
 
     def close(self) -> None:
         """Releases what orbax holds."""
         self._manager.close()
+
+
+def _reason(error: Exception) -> str:
+    """What orbax raised in few words: it is of many kinds, none of them its own."""
+    if found := re.search(r"\[Errno (\d+)\]|os_error_code='(\d+)'|OS error (\d+)", str(error)):
+        return os.strerror(int(found[found.lastindex or 0]))
+    return str(error).split("\n")[0].strip()[:120] or type(error).__name__
 
 
 def _shapes(tree: Any) -> dict[str, tuple[int, ...]]:
@@ -186,7 +262,7 @@ def read_policy(run: Path) -> Policy:
     config = read_run(run)
     if not (run / "checkpoints").is_dir():
         raise UserError(f"{run}: has no checkpoint yet; go on with --resume {run}")
-    checkpoints = Checkpoints(run)
+    checkpoints = Checkpoints(run, read_only=True)
     snapshot = checkpoints.restore(config)
     checkpoints.close()
     if snapshot is None:
@@ -195,9 +271,18 @@ def read_policy(run: Path) -> Policy:
 
 
 def append_line(run: Path, record: dict[str, Any]) -> None:
-    """Adds one JSON line to metrics.jsonl."""
-    with open(run / "metrics.jsonl", "a") as file:
-        file.write(json.dumps(record) + "\n")
+    """Adds one JSON line to metrics.jsonl, on the disk before any checkpoint that follows it.
+
+    Raises:
+        UserError: where it cannot be written.
+    """
+    try:
+        with open(run / "metrics.jsonl", "a") as file:
+            file.write(json.dumps(record) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise _unwritable(run, run / "metrics.jsonl", str(error.strerror)) from error
 
 
 def read_lines(run: Path) -> list[dict[str, Any]]:

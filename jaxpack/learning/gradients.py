@@ -7,7 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 
+from jaxpack.devices import PART, WHOLE, mean_over_batch
 from jaxpack.learning.bin_network import BinAwareConfig, Sight, scores
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
 from jaxpack.learning.parameters import Params
@@ -32,13 +34,25 @@ class Outcome(NamedTuple):
 
 
 def policy_gradient(
-    config: TrainConfig, params: Params, instances: Instance, key: Array
+    config: TrainConfig, params: Params, instances: Instance, key: Array, mesh: Mesh | None = None
 ) -> tuple[Params, Outcome]:
-    """The gradient of the config's loss on a batch of instances (leaves [B, ...])."""
+    """The gradient of the config's loss on a batch of instances (leaves [B, ...]).
+
+    Args:
+        mesh: the devices that share the batch, from `data_mesh`; it does not change the result.
+    """
     network = config.policy
-    if isinstance(network, PointerConfig):
-        return _pointer_gradient(config, network, params, instances, key)
-    return _bin_aware_gradient(config, network, params, instances, key)
+    # A key for every order of the whole batch, whichever device draws it.
+    keys = jax.random.split(key, (instances.mask.shape[0], config.samples))
+
+    def gradient(params: Params, instances: Instance, keys: Array) -> tuple[Params, Outcome]:
+        if isinstance(network, PointerConfig):
+            return _pointer_gradient(config, network, params, instances, keys)
+        return _bin_aware_gradient(config, network, params, instances, keys)
+
+    mean = mean_over_batch(mesh, gradient, (WHOLE, PART, PART))
+    result: tuple[Params, Outcome] = mean(params, instances, keys)
+    return result
 
 
 def _judge(config: TrainConfig, instance: Instance, packing: Packing) -> tuple[Array, ...]:
@@ -47,11 +61,9 @@ def _judge(config: TrainConfig, instance: Instance, packing: Packing) -> tuple[A
 
 
 def _pointer_gradient(
-    config: TrainConfig, network: PointerConfig, params: Params, instances: Instance, key: Array
+    config: TrainConfig, network: PointerConfig, params: Params, instances: Instance, keys: Array
 ) -> tuple[Params, Outcome]:
-    """Sampling and loss in one differentiable pass, Eq. (10)."""
-    batch = instances.mask.shape[0]
-    keys = jax.random.split(key, (batch, config.samples))
+    """Sampling and loss in one differentiable pass, Eq. (10). `keys`: [B, S]."""
 
     def loss(params: Params) -> tuple[Array, Outcome]:
         def outcome(instance: Instance, key: Array) -> tuple:
@@ -79,18 +91,17 @@ def _pointer_gradient(
 
 
 def _bin_aware_gradient(
-    config: TrainConfig, network: BinAwareConfig, params: Params, instances: Instance, key: Array
+    config: TrainConfig, network: BinAwareConfig, params: Params, instances: Instance, keys: Array
 ) -> tuple[Params, Outcome]:
     """Rollouts without gradient, then a pass over what they saw; piece by piece of the batch.
 
     A piece holds all samples of its instances, so that its advantages are known when its
-    rollouts are, and what it saw never leaves the cache for long.
+    rollouts are, and what it saw never leaves the cache for long. `keys`: [B, S].
     """
     batch, samples = instances.mask.shape[0], config.samples
     most = max(1, LANES // samples)
     piece = max(n for n in range(1, min(most, batch) + 1) if batch % n == 0)
     pieces = jax.tree.map(lambda leaf: leaf.reshape(-1, piece, *leaf.shape[1:]), instances)
-    keys = jax.random.split(key, (batch // piece, piece * samples))
 
     def work(total: Params, inputs: tuple[Instance, Array]) -> tuple[Params, Outcome]:
         instances, keys = inputs
@@ -112,7 +123,9 @@ def _bin_aware_gradient(
         return total, Outcome._make([*means, loss, jnp.float32(0), entropy])
 
     zero = jax.tree.map(jnp.zeros_like, params)
-    total, outcomes = jax.lax.scan(work, zero, (pieces, keys))
+    total, outcomes = jax.lax.scan(
+        work, zero, (pieces, keys.reshape(batch // piece, piece * samples))
+    )
     gradient = jax.tree.map(lambda leaf: leaf * piece / batch, total)
     return gradient, jax.tree.map(jnp.mean, outcomes)
 

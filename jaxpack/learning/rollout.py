@@ -15,6 +15,7 @@ from jaxpack.learning.parameters import Params
 from jaxpack.packing.problem import Instance, Problem
 
 T = TypeVar("T")
+U = TypeVar("U")
 
 # Instances side by side. What the network holds of 64 stays in a core's cache, and since every
 # batch is cut into pieces of this one shape, an instance's order does not depend on the batch.
@@ -61,7 +62,7 @@ def choose_orders(
     return in_pieces(orders, (instances, keys), LANES)
 
 
-def in_pieces(function: Callable[[T], Array], batch: T, size: int) -> Array:
+def in_pieces(function: Callable[[T], U], batch: T, size: int) -> U:
     """A batched function (leaves [B, ...] -> [B, ...]) in pieces of `size`, one after the other.
 
     The last piece is filled up with its last member.
@@ -69,7 +70,7 @@ def in_pieces(function: Callable[[T], Array], batch: T, size: int) -> Array:
     count = len(jax.tree.leaves(batch)[0])
     rows = jnp.minimum(jnp.arange(-(-count // size) * size), count - 1).reshape(-1, size)
     done = jax.lax.map(lambda piece: function(jax.tree.map(lambda leaf: leaf[piece], batch)), rows)
-    return done.reshape(-1, *done.shape[2:])[:count]
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:count], done)
 
 
 def trace_choices(

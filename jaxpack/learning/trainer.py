@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import Array
+from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
 from jaxpack.learning.gradients import Outcome, policy_gradient
@@ -69,11 +70,11 @@ def validation_set(config: TrainConfig, key: Array, rows: Array) -> Instance:
 
 
 def train_step(
-    config: TrainConfig, state: TrainState, instances: Instance
+    config: TrainConfig, state: TrainState, instances: Instance, mesh: Mesh | None = None
 ) -> tuple[TrainState, ChunkMetrics]:
-    """One update from a batch of instances (leaves [B, ...])."""
+    """One update from a batch of instances (leaves [B, ...]), shared by the devices of `mesh`."""
     key = jax.random.fold_in(jax.random.fold_in(state.key, 3), state.update)
-    gradient, outcome = policy_gradient(config, state.params, instances, key)
+    gradient, outcome = policy_gradient(config, state.params, instances, key, mesh)
     norm = optax.tree.norm(gradient)
     if config.clip:
         shrink = jnp.minimum(1, config.clip / jnp.maximum(norm, 1e-12))
@@ -91,15 +92,19 @@ def train_step(
 
 
 def train_updates(
-    config: TrainConfig, state: TrainState, updates: int
+    config: TrainConfig, state: TrainState, updates: int, mesh: Mesh | None = None
 ) -> tuple[TrainState, ChunkMetrics]:
-    """`updates` updates (static) within one epoch: the batches follow the epoch's shuffle."""
+    """`updates` updates (static) within one epoch: the batches follow the epoch's shuffle.
+
+    Args:
+        mesh: static, the devices that share each batch, from `data_mesh`; None: where the state is.
+    """
     epoch, done = jnp.divmod(state.update, config.updates_per_epoch)
     shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, 4), epoch)
     shuffled = jax.random.permutation(shuffle_key, config.train_instances)
 
     def take(turn: TrainConfig, state: TrainState, rows: Array) -> tuple[TrainState, ChunkMetrics]:
-        return train_step(turn, state, training_instances(turn, state.key, rows))
+        return train_step(turn, state, training_instances(turn, state.key, rows), mesh)
 
     turns = [partial(take, turn) for turn in config.turns]
 
@@ -113,9 +118,9 @@ def train_updates(
     return state, means._replace(finite=metrics.finite.min())
 
 
-train_chunk = partial(jax.jit, static_argnames=("config", "updates"), donate_argnames=("state",))(
-    train_updates
-)
+train_chunk = partial(
+    jax.jit, static_argnames=("config", "updates", "mesh"), donate_argnames=("state",)
+)(train_updates)
 """`train_updates` compiled, the state's buffers reused: traced once per config and length."""
 
 

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 
+from jaxpack.devices import PART, WHOLE, split_batch
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.problem import Instance, Packing, Problem
 
@@ -40,12 +42,31 @@ def run_rounds(search: Search, keys: Array, instances: Instance, rounds: int) ->
     return search.best(state)
 
 
-def compile_search(search: Search, keys: Array, instances: Instance) -> Search:
-    """The same search, compiled for batches of this shape: no run pays for compilation."""
-    start = jax.jit(search.start).lower(keys, instances).compile()
+def compile_search(
+    search: Search, keys: Array, instances: Instance, mesh: Mesh | None = None
+) -> Search:
+    """The same search, compiled for batches of this shape: no run pays for compilation.
+
+    Args:
+        mesh: the devices that share a batch, from `data_mesh`.
+    """
     state = jax.eval_shape(search.start, keys, instances)
-    advance = jax.jit(search.advance, donate_argnums=1).lower(instances, state).compile()
-    return Search(start, advance, jax.jit(search.best).lower(state).compile())
+    # Of a state every array is a batch, and what counts the rounds is the same for all.
+    specs = jax.tree.map(lambda leaf: PART if leaf.ndim else WHOLE, state)
+    start = jax.jit(split_batch(mesh, search.start, out_specs=specs)).lower(keys, instances)
+    begin = start.compile()
+    state = jax.tree.map(
+        lambda leaf, place: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=place),
+        state,
+        begin.output_shardings,
+    )
+    advance = split_batch(mesh, search.advance, (PART, specs), specs)
+    best = split_batch(mesh, search.best, (specs,))
+    return Search(
+        begin,
+        jax.jit(advance, donate_argnums=1).lower(instances, state).compile(),
+        jax.jit(best).lower(state).compile(),
+    )
 
 
 def run_for(search: Search, keys: Array, instances: Instance, seconds: float) -> Array:
