@@ -20,9 +20,8 @@ from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_policy
 from jaxpack.files.sweeps import open_sweep
-from jaxpack.files.weights import Policy
 from jaxpack.learning.presets import preset
-from jaxpack.learning.recipe import OBJECTIVES, TrainConfig
+from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.packing.instances import Cell
 from jaxpack.solvers.brkga import BrkgaConfig

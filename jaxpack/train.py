@@ -23,10 +23,9 @@ from jaxpack.devices import anywhere, data_mesh, is_first, join_processes, on_fi
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
-from jaxpack.files.weights import Policy
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
-from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Cell
