@@ -114,14 +114,14 @@ BAD = {
         "",
         "bins.csv: row 1: bins of 2D for items of 3D",
     ),
-    "too large": ("X,Y,Z,NAME\n4,4,4,a\n4,11,4,b\n", BIN, "", "items.csv: item 1 (b): no bin can"),
+    "too large": ("X,Y,Z,NAME\n4,4,4,a\n4,11,4,b\n", BIN, "", "items.csv: row 3 (b): no bin can"),
     "too heavy": (
         "X,Y,Z,WEIGHT\n4,4,4,31\n",
         "X,Y,Z,MAXIMUM_WEIGHT\n10,10,10,30\n",
         "",
-        "items.csv: item 0: no bin can hold it, 4 x 4 x 4 of weight 31",
+        "items.csv: row 2: weight 31 is over the limit of every bin",
     ),
-    "all too large": ("X,Y,Z\n4,11,4\n", BIN, "--skip-unfit", "items.csv: item 0: no bin can"),
+    "all too large": ("X,Y,Z\n4,11,4\n", BIN, "--skip-unfit", "items.csv: row 2: no bin can"),
     "no time": (ITEMS, BIN, "--time-limit 0", "--time-limit 0.0: give seconds, more than 0"),
     "NaN time": (ITEMS, BIN, "--time-limit nan", "--time-limit nan: give seconds"),
     "negative time": (ITEMS, BIN, "--time-limit=-3", "--time-limit -3.0: give seconds"),
@@ -337,7 +337,7 @@ def test_the_function_takes_paths_and_writes_files(quick, home):
         ((TABLE, ROOM), {"time_limit": 0}, "time_limit 0: give seconds, more than 0"),
         ((TABLE, ROOM), {"support": -0.1}, "support -0.1: give a share"),
         ((TABLE, ROOM), {"resolution": 0.0}, "resolution 0.0: give 0.000217 to 10"),
-        ((TABLE, {"X": [4], "Y": [4], "Z": [4]}), {}, "item 1: no bin can hold it"),
+        ((TABLE, {"X": [4], "Y": [4], "Z": [4]}), {}, "row 1: no bin can hold 5 x 3 x 2"),
     ],
 )
 def test_the_function_refuses_in_one_line(home, arguments, options, message):

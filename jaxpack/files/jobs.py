@@ -137,6 +137,7 @@ def _items(table: Table, dimension: int) -> tuple[ItemType, ...]:
                 row.weight("WEIGHT"),
                 _flat_orientations(row) if dimension == 2 else _orientations(row),
                 row.text(*_NAMES),
+                row.where.rsplit(": ", 1)[-1],
             )
         )
     return tuple(items)
@@ -220,7 +221,8 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
         size = _flat(where, w=fields[1], h=fields[2])
         copies = as_whole(fields[3], f"{where}, column dmin", low=1) if len(fields) > 3 else 1
         total = _count(total + copies, f"{where}, column dmin: {copies} copies")
-        items.append(ItemType(size, copies, name=fields[0]))
+        row = where.rsplit(": ", 1)[-1]
+        items.append(ItemType(size, copies, name=fields[0], where=row))
     return Job(tuple(items), bins, dimension=2, name=path.stem)
 
 

@@ -58,7 +58,7 @@ def read_text(path: Path) -> str:
         row = text.count("\n", 0, text.index("\0")) + 1
         raise fault(path, f"row {row}", "a NUL byte, not text; save it as UTF-8 text")
     if not text.strip():
-        raise fault(path, "the file is empty")
+        raise fault(path, "the file is empty: give a header and rows")
     return text
 
 

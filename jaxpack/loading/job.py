@@ -6,7 +6,7 @@ a two-dimensional file and z its HEIGHT.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from jaxpack.errors import UserError
@@ -36,6 +36,7 @@ class ItemType:
     weight: float = 0.0  # of one of them
     orientations: tuple[str, ...] = ("XYZ",)  # those that are allowed, keys of ORIENTATIONS
     name: str = ""
+    where: str = field(default="", compare=False)  # in its file, such as "row 2"
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""

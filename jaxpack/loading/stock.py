@@ -1,6 +1,6 @@
 """A job as the arrays that the kernel works on, and the kernel's layout as a plan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -60,13 +60,7 @@ def load_job(
     ways = fitting_ways(job, units)
     unfit = [number for number, some in enumerate(ways) if not some]
     if unfit and (not skip_unfit or len(unfit) == len(ways)):
-        first = job.items[unfit[0]]
-        called = f" ({first.name})" if first.name else ""
-        others = f" and {len(unfit) - 1} more rows" if len(unfit) > 1 else ""
-        raise UserError(
-            f"item {unfit[0]}{called}{others}: no bin can hold it, {_sides(first.size)} of weight "
-            f"{first.weight:g}; give a larger bin, or leave such items out with --skip-unfit"
-        )
+        raise UserError(_unfit(job, units, unfit))
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
     items = np.repeat(
         [n for n, some in enumerate(ways) if some],
@@ -81,6 +75,22 @@ def load_job(
     most = int((np.cumsum(np.sort(volumes)) <= largest * (1 + 1e-9)).sum())
     rules = ExactRules(_at_least(STAGES, most), job.dimension == 2, support, inclusive)
     return Loading(job, units, rules, stock, items, ways, bins), left_out
+
+
+def _unfit(job: Job, units: Units, unfit: list[int]) -> str:
+    """What is wrong with the first item that no bin can hold."""
+    first = job.items[unfit[0]]
+    called = f" ({first.name})" if first.name else ""
+    others = f" and {len(unfit) - 1} more" if len(unfit) > 1 else ""
+    light = replace(job, items=(replace(first, weight=0.0),))
+    (ways,) = fitting_ways(light, units)
+    wrong = f"no bin can hold {_sides(first.size)} in an orientation that is allowed"
+    if ways:
+        wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
+    return (
+        f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; give a larger bin, or "
+        "leave such items out with --skip-unfit"
+    )
 
 
 def plan_of(
