@@ -1,5 +1,6 @@
 """What the doors share: parsing with one-line errors, exit codes, the compilation cache."""
 
+import atexit
 import contextlib
 import gc
 import io
@@ -61,6 +62,8 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
         sys.stdout.flush()
         os._exit(code)
     if code:
+        # A checkpoint that was cut short leaves coroutines; collected at the end they complain.
+        atexit.register(setattr, sys, "unraisablehook", lambda _: None)
         sys.exit(code)
 
 

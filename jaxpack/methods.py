@@ -43,6 +43,7 @@ class MethodOptions:
     brkga: BrkgaConfig = BrkgaConfig()
     brkga_seeded: bool = True  # start brkga from the sorts
     policy: Policy | None = None  # of pointer or of bin-aware; the shipped ones where it is not
+    bin_aware: str | None = None  # the shipped one's name, else that of the problem's dimension
     kinds: int | None = None  # K, at least the distinct sizes in an instance, if it is known
     width: int = 8  # partial packings that bin-aware-search keeps
     draws: int = 8  # orders that it draws for each of them and bin
@@ -121,7 +122,8 @@ def _policy(kind: str, problem: Problem, options: MethodOptions) -> Policy:
         UserError: where it is of another kind or for another dimension.
     """
     dimension = len(problem.axes)
-    policy = options.policy or load_policy(f"{kind}-{dimension}d")
+    shipped = options.bin_aware if kind == "bin-aware" else None
+    policy = options.policy or load_policy(shipped or f"{kind}-{dimension}d")
     theirs = "bin-aware" if isinstance(policy.config.policy, BinAwareConfig) else "pointer"
     if theirs != kind:
         raise UserError(f"method '{kind}': the policy given is of kind {theirs}, name another run")

@@ -12,7 +12,8 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from threading import Thread, active_count
+from threading import Thread
+from threading import enumerate as threads
 from types import ModuleType
 
 from rich import box
@@ -29,7 +30,7 @@ from jaxpack.files.atomic import check_writable
 from jaxpack.files.jobs import read_job
 from jaxpack.files.plans import write_bed_bpp
 from jaxpack.loading.job import BinType, Job
-from jaxpack.loading.solver import Progress, SolveOptions, improve
+from jaxpack.loading.solver import THREAD, Progress, SolveOptions, improve
 from jaxpack.loading.validate import InvalidPlanError
 from jaxpack.solution import (
     Solution,
@@ -184,7 +185,7 @@ def search(
     begun = time.perf_counter()
     figures, best, least = "no plan yet", None, None
     live = Live(console=console, auto_refresh=False, transient=True)
-    Thread(target=work, daemon=True).start()
+    Thread(target=work, daemon=True, name=THREAD).start()
     with live if console.is_terminal else nullcontext():
         while True:
             try:
@@ -412,7 +413,8 @@ def main(argv: Sequence[str]) -> None:
         elif len(jobs) > 1:
             what = f"{len(solutions)} of {len(jobs)} orders are solved"
         _say(status, f"interrupted: {what}")
-    if active_count() > 1:  # a compilation came too late: the time limit is for it too
+    if any(thread.name == THREAD for thread in threads()):
+        # A compilation came too late: the time limit is for it too.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

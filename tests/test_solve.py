@@ -35,7 +35,7 @@ ROOM = {"X": [10], "Y": [10], "Z": [10]}
 TINY = Job((ItemType((4.0, 4.0, 4.0), 3), ItemType((5.0, 3.0, 2.0), 2)), (BinType((10.0,) * 3),))
 
 
-def one_per_bin(job, options):
+def one_per_bin(job, options, policy=None):
     """A plan that is valid and no good, as improve would yield it."""
     copies = [index for index, item in enumerate(job.items) for _ in range(item.copies)]
     bins = tuple(
@@ -49,7 +49,7 @@ def one_per_bin(job, options):
 def quick(monkeypatch):
     """The stand-in for the search, in the function and in the door."""
     monkeypatch.setattr("jaxpack.solution.solve_job", one_per_bin)
-    monkeypatch.setattr(door, "improve", lambda job, options: iter([one_per_bin(job, options)]))
+    monkeypatch.setattr(door, "improve", lambda job, *how: iter([one_per_bin(job, *how)]))
 
 
 @pytest.fixture
@@ -203,8 +203,8 @@ def test_names_are_no_commands_to_the_terminal(home, monkeypatch, capsys, quick)
 
 
 def test_what_is_left_out_is_named(home, monkeypatch, capsys):
-    def leaves_out(job, options):
-        progress = one_per_bin(job, options)
+    def leaves_out(job, *how):
+        progress = one_per_bin(job, *how)
         plan = Plan(progress.plan.bins[2:], (0, 0, 2, 2, 2))
         kept = replace(plan, bins=plan.bins[:-3])
         yield replace(progress, plan=kept, bins=len(kept.bins), limited_by="the bound")
@@ -231,8 +231,8 @@ def test_rounding_is_reported(home, monkeypatch, capsys, quick):
 
 
 def test_an_invalid_plan_is_never_written(home, monkeypatch, capsys):
-    def floats(job, options):
-        found = one_per_bin(job, options)
+    def floats(job, *how):
+        found = one_per_bin(job, *how)
         (put,) = found.plan.bins[0].placements
         high = PackedBin(0, (replace(put, corner=(0.0, 0.0, 1.0)),))
         yield replace(found, plan=replace(found.plan, bins=(high, *found.plan.bins[1:])))
@@ -247,7 +247,7 @@ def test_an_invalid_plan_is_never_written(home, monkeypatch, capsys):
 def test_orders_are_solved_one_after_the_other(home, monkeypatch, capsys, quick):
     (home / "orders.json").write_text(json.dumps(ORDERS | {"tall": order((600, 400, 1700))}))
     outputs = ["--out", "p.json", "--steps", "s.csv", "--bed-bpp", "all.json"]
-    monkeypatch.setattr(door, "improve", lambda job, options: unless_tall(job, options))
+    monkeypatch.setattr(door, "improve", lambda job, *how: unless_tall(job, *how))
     assert run(monkeypatch, "orders.json", *outputs) == 2, "not all of it could be done"
     output, errors = capsys.readouterr()
     names = {path.name for path in home.iterdir()}
@@ -265,10 +265,10 @@ def test_orders_are_solved_one_after_the_other(home, monkeypatch, capsys, quick)
     assert list(json.loads((home / "all.json").read_text())) == ["0017"]
 
 
-def unless_tall(job, options):
+def unless_tall(job, *how):
     if job.name == "tall":
         raise UserError("too tall")
-    yield one_per_bin(job, options)
+    yield one_per_bin(job, *how)
 
 
 def test_one_order_by_name(home, monkeypatch, capsys, quick):

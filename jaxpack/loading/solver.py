@@ -35,6 +35,7 @@ T = TypeVar("T")
 
 LANES = 32
 ROUNDS = jnp.int32(8)  # per dispatch
+THREAD = "jaxpack plan"  # name of those that compile and search
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
@@ -199,7 +200,7 @@ def _in_thread(work: Callable[[], T]) -> Callable[[float], T | None]:
         except BaseException as error:
             results.put(error)
 
-    threading.Thread(target=run).start()
+    threading.Thread(target=run, name=THREAD).start()
 
     def result(seconds: float) -> T | None:
         try:
