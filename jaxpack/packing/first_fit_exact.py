@@ -15,7 +15,6 @@ from jaxpack.packing.top_faces import (
     Faces,
     add_edge,
     first_edges,
-    first_rows,
     lowest_corner,
     no_edges,
     no_faces,
@@ -23,8 +22,8 @@ from jaxpack.packing.top_faces import (
     rest_on,
 )
 
-STAGES = (4, 8, 16, 32, 64, 128, 256)
-"""A bin with so many items or fewer costs no more than one with exactly so many."""
+STAGES = (4, 8, 16, 32, 64, 128, 256, 512)
+"""A bin with so many candidates an axis or fewer costs what one with exactly so many does."""
 SLACK = 1 + 1e-5  # of volumes, which are sums in float32
 
 
@@ -146,30 +145,19 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
 def _place(
     rules: ExactRules, current: _Open, size: Triple, needed: Array, room: Triple, found: Array
 ) -> tuple[Triple, Array]:
-    """(corner, whether it fits) of the item, looking at no more rows and edges than are in use."""
+    """(corner, whether it fits) of the item, looking at few more edges than are in use."""
     faces, x, y = current.faces, current.x, current.y
-    rows = [stage for stage in STAGES if stage < rules.most] + [rules.most]
-    pairs = [(few, few + 1) for few in rows]
-    if not rules.flat:
-        # Equal items have common edges: there are fewer of those than of items.
-        pairs = [
-            (few, edges)
-            for few in rows[1::2] + rows[-1:]
-            for edges in (few // 4, few // 2, few + 1)
-        ]
-    pairs = sorted(set(pairs))
+    faces = faces._replace(used=jnp.where(found, faces.used, 0))
+    stages = [stage for stage in STAGES if stage <= rules.most] + [rules.most + 1]
 
-    def among(few: int, edges: int) -> Callable[[], tuple[Triple, Array]]:
+    def among(edges: int) -> Callable[[], tuple[Triple, Array]]:
         def place() -> tuple[Triple, Array]:
             xs, ys = first_edges(x, edges), first_edges(y, edges)
-            return lowest_corner(
-                xs, ys, rest_on(first_rows(faces, few), xs, ys, size, needed, room)
-            )
+            return lowest_corner(xs, ys, rest_on(faces, xs, ys, size, needed, room))
 
         return place
 
-    most_rows = jnp.where(found, faces.used, 0).max()
-    most_edges = jnp.where(found, jnp.maximum(x.used, y.used), 0).max()
-    able = jnp.asarray([[few, edges] for few, edges in pairs]) >= jnp.stack([most_rows, most_edges])
-    corner, fits = jax.lax.switch(jnp.argmax(able.all(1)), [among(*pair) for pair in pairs])
+    used = jnp.where(found, jnp.maximum(x.used, y.used), 0).max()
+    stage = jnp.searchsorted(jnp.asarray(stages), used)
+    corner, fits = jax.lax.switch(stage, [among(edges) for edges in stages])
     return corner, fits & found

@@ -11,6 +11,7 @@ and Y are numbers of candidate coordinates. Areas of footprints must fit int32.
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -71,12 +72,21 @@ def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, roo
     Returns:
         int32 [X, Y, B].
     """
-    over_x = _overlap(xs, size[0], faces.near_x, faces.far_x)[:, None]
-    over_y = _overlap(ys, size[1], faces.near_y, faces.far_y)[None]
-    under = (over_x > 0) & (over_y > 0)  # [X, Y, M, B]
-    z = jnp.where(under, faces.top, 0).max(2)
-    level = under & (faces.top == z[:, :, None])
-    carried = jnp.where(level, over_x * over_y, 0).sum(2)
+    start = jnp.minimum(xs, FARTHEST)[:, None], jnp.minimum(ys, FARTHEST)[None]
+    end = start[0] + size[0], start[1] + size[1]
+
+    def under(row: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        """(the highest face so far, the area that lies on it) with one face more."""
+        z, carried = found
+        near_x, far_x, near_y, far_y, top = (column[row] for column in faces[:5])
+        over_x = jnp.minimum(end[0], far_x) - jnp.maximum(start[0], near_x)
+        over_y = jnp.minimum(end[1], far_y) - jnp.maximum(start[1], near_y)
+        touches = (over_x > 0) & (over_y > 0) & (top >= z)
+        area = over_x * over_y + jnp.where(top == z, carried, 0)
+        return jnp.where(touches, top, z), jnp.where(touches, area, carried)
+
+    nothing = jnp.zeros((len(xs), len(ys), xs.shape[-1]), jnp.int32)
+    z, carried = jax.lax.fori_loop(0, faces.used.max(), under, (nothing, nothing))
     carried = jnp.where(z == 0, size[0] * size[1], carried)  # the floor
     inside = (xs <= room[0] - size[0])[:, None] & (ys <= room[1] - size[1])
     allowed = inside & (z <= room[2] - size[2]) & (carried >= needed)
@@ -111,19 +121,6 @@ def put_on(faces: Faces, size: Triple, corner: Triple, fits: Array) -> Faces:
     )
 
 
-def first_rows(faces: Faces, rows: int) -> Faces:
-    """The same where no more than so many rows are in use: less to look through."""
-    near_x, far_x, near_y, far_y, top = (column[:rows] for column in faces[:5])
-    return Faces(near_x, far_x, near_y, far_y, top, faces.used)
-
-
 def first_edges(edges: Edges, rows: int) -> Array:
     """The candidates where no more than so many rows are in use: int32 [rows, B]."""
     return edges.at[:rows]
-
-
-def _overlap(starts: Array, length: Array, near: Array, far: Array) -> Array:
-    """Length that [start, start + length] shares with [near, far], below 1 if none: [X, M, B]."""
-    starts = jnp.minimum(starts, FARTHEST)  # NOWHERE plus a length would overflow
-    ends = starts + length
-    return jnp.minimum(ends[:, None], far) - jnp.maximum(starts[:, None], near)
