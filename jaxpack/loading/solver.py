@@ -33,8 +33,9 @@ from jaxpack.loading.validate import check_plan
 
 T = TypeVar("T")
 
-LANES = 32
-ROUNDS = jnp.int32(8)  # per dispatch
+LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
+ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
+BREATH = 0.25  # seconds
 THREAD = "jaxpack plan"  # name of those that compile and search
 HEAT = 0.02  # of the annealing at the start, in bins
 
@@ -145,37 +146,43 @@ def _searches(
 ) -> Iterator[tuple[Best, int]]:
     """(the best packing so far, packings tried since the last time), until the time is up."""
     stock, rules = loading.stock, loading.rules
+    many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
 
     def packed(genes: Genes) -> Lanes:
         lanes = fresh_lanes(jax.random.key(options.seed), genes)
         return advance(rules, stock, lanes, jnp.int32(1), jnp.float32(0), jnp.bool(True))
 
-    def dispatch(lanes: Lanes, heat: float) -> Lanes:
-        lanes = advance(rules, stock, lanes, ROUNDS, jnp.float32(heat), jnp.bool(False))
+    def dispatch(lanes: Lanes, rounds: int, heat: float) -> Lanes:
+        numbers = jnp.int32(rounds), jnp.float32(heat)
+        lanes = advance(rules, stock, lanes, *numbers, jnp.bool(False))
         return jax.block_until_ready(lanes)
 
-    lanes = packed(first_genes(loading, np.random.default_rng(options.seed), LANES))
-    yield lanes.best, LANES
-    drawn = None
+    lanes = packed(first_genes(loading, np.random.default_rng(options.seed), many))
+    yield lanes.best, many
+    drawn, seeds = None, list[Genes]()
     if policy:
         drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
     islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, _cores())]
-    longest = 0.0
+    rounds, longest = 1, 0.0
     while (spent := time.perf_counter() - begun) + longest < options.time_limit and not stop():
         heat = HEAT * (1 - spent / options.time_limit) ** 2
-        work = [_in_thread(partial(dispatch, lanes, heat)) for lanes in islands]
+        work = [_in_thread(partial(dispatch, lanes, rounds, heat)) for lanes in islands]
         done = [task(options.time_limit - spent) for task in work]
         if any(lanes is None for lanes in done):
             return
         islands = [lanes for lanes in done if lanes is not None]
-        tried = LANES * int(ROUNDS) * len(islands)
-        if drawn and (genes := drawn(0)) is not None:
+        took = time.perf_counter() - begun - spent
+        longest = max(longest, took)
+        tried = many * rounds * len(islands)
+        if 2 * took < BREATH:
+            rounds = min(2 * rounds, ROUNDS)
+        if drawn and (orders := drawn(0)) is not None:
             drawn = None
-            for first in range(0, len(genes.order), LANES):
-                some = jax.tree.map(lambda leaf: leaf[first : first + LANES], genes)  # noqa: B023
-                islands[-1] = join(islands[-1], packed(some))
-            tried += len(genes.order)
-        longest = max(longest, time.perf_counter() - begun - spent)
+            parts = range(0, len(orders.order), many)
+            seeds = [jax.tree.map(lambda leaf: leaf[i : i + many], orders) for i in parts]  # noqa: B023
+        if seeds:
+            islands[-1] = join(islands[-1], packed(seeds.pop()))
+            tried += many
         yield min((lanes.best for lanes in islands), key=lambda best: float(best.cost)), tried
 
 
