@@ -78,6 +78,16 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension):
     assert ended.bins <= fewest
 
 
+def test_a_search_is_one_program():
+    before = advance._cache_size()
+    job = Job((ItemType((2.0, 2.0, 3.0), 9),), (BinType((5.0, 5.0, 5.0)),))
+    answers = iter([False, False])
+    *_, last = improve(job, SolveOptions(60.0), stop=lambda: next(answers, True))
+    assert last.bins == 3 > last.bound
+    assert last.packings > 32
+    assert advance._cache_size() == before + 1
+
+
 def test_the_weight_limit_binds():
     light = Job(cartons(2), (PALLET,))
     total = plan_figures(light, solve_job(light, QUICK).plan).weight

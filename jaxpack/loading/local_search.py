@@ -63,7 +63,8 @@ def fresh_lanes(key: Array, genes: Genes) -> Lanes:
     first = jax.tree.map(lambda leaf: leaf[0], genes)
     nothing = jnp.full((P, N), -1, jnp.int32)
     best = Best(first, nothing[0], jnp.zeros((N, 3), jnp.int32), jnp.float32(jnp.inf))
-    return Lanes(key, genes, nothing, jnp.full(P, jnp.inf), best)
+    # A weak type would be another program: the search would compile twice.
+    return Lanes(key, genes, nothing, jnp.full(P, jnp.inf, jnp.float32), best)
 
 
 def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
