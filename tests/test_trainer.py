@@ -113,7 +113,8 @@ def test_updates_take_turns_over_bins_and_distributions():
     shuffled = jax.random.permutation(jax.random.fold_in(jax.random.fold_in(start.key, 4), 0), 64)
     state = start
     for turn, rows in ((own, shuffled[:16]), (other, shuffled[16:32])):
-        state, _ = train_step(turn, state, training_instances(turn, state.key, rows))
+        instances = training_instances(turn, state.key, rows)
+        state, _ = jax.jit(train_step, static_argnums=0)(turn, state, instances)
     assert_close(both.params, state.params)
 
 
