@@ -7,7 +7,6 @@ Writes results/train-DIM.csv (the run's metrics, a line per 250 updates, and its
 results/train-DIM.txt (its final table, wall time and peak memory) and jaxpack/weights.
 """
 
-import csv
 import os
 import platform
 import resource
@@ -17,6 +16,7 @@ import time
 from pathlib import Path
 
 import jax
+from rows import write_rows
 
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import read_lines, read_policy
@@ -39,14 +39,14 @@ def train(dimension: str) -> tuple[Path, float, float]:
 
 def write_metrics(path: Path, run: Path) -> None:
     names = ("update", "epoch", "cost", "compactness", "pyramid", "bins", "entropy", "critic_loss")
-    with replace_file(path) as file:
-        table = csv.DictWriter(file, ("kind", *names), extrasaction="ignore")
-        table.writeheader()
-        for record in read_lines(run):
-            if "validation" in record:
-                table.writerow({"kind": "validation"} | record | record["validation"])
-            elif record["update"] % 250 == 0:
-                table.writerow({"kind": "train"} | record)
+    rows = [
+        {"kind": "validation"} | record | record["validation"]
+        if "validation" in record
+        else {"kind": "train"} | record
+        for record in read_lines(run)
+        if "validation" in record or record["update"] % 250 == 0
+    ]
+    write_rows(path, rows, ("kind", *names))
 
 
 def main() -> None:

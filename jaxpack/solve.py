@@ -1,12 +1,10 @@
 """`python -m jaxpack.solve`: a list of items and bins in, a checked loading plan out."""
 
-import math
 import os
 import re
 import signal
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -16,12 +14,8 @@ from threading import Thread
 from threading import enumerate as threads
 from types import ModuleType
 
-from rich import box
 from rich.console import Console
 from rich.live import Live
-from rich.measure import Measurement
-from rich.table import Table
-from rich.text import Text
 from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, run_door
@@ -29,21 +23,20 @@ from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
 from jaxpack.files.jobs import read_job
 from jaxpack.files.plans import write_bed_bpp
-from jaxpack.loading.job import BinType, Job
+from jaxpack.loading.job import Job
 from jaxpack.loading.solver import THREAD, Progress, SolveOptions, improve
 from jaxpack.loading.validate import InvalidPlanError
+from jaxpack.plan_tables import NAMED, counted, live_figures, plain_text, print_solutions, say
 from jaxpack.solution import (
     Solution,
     check_options,
     least_cost,
     range_policy,
-    relative_gap,
     solution,
     solve,
 )
 
 TICK = 0.1  # seconds between looks at the clock and at signals
-NAMED = 5  # kinds of left out items that the table names
 
 SUFFIXES = {
     "out": (".csv", ".json"),
@@ -200,30 +193,16 @@ def search(
                     raise event
                 best = event
                 least = least_cost(job, best.bound) if least is None else least
-                if figures != (figures := _figures(job, best, least)) and not live.is_started:
-                    _say(console, f"{best.seconds:.1f} s: {figures}")
+                if figures != (figures := live_figures(job, best, least)) and not live.is_started:
+                    say(console, f"{best.seconds:.1f} s: {figures}")
             if live.is_started:
                 left = max(0.0, options.time_limit - (time.perf_counter() - begun))
-                live.update(_text(f"{figures}, {left:.0f} s left"), refresh=True)
+                live.update(plain_text(f"{figures}, {left:.0f} s left"), refresh=True)
     if best is None or least is None:
         return None
     if interrupted:
         best = replace(best, seconds=time.perf_counter() - begun, limited_by="an interrupt")
     return solution(job, options, best, least)
-
-
-def _figures(job: Job, found: Progress, least: float) -> str:
-    """The live line. In floats: exact figures of a large plan take seconds."""
-    room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
-    items = (put.item for packed in found.plan.bins for put in packed.placements)
-    fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
-    parts = [_count(found.bins, "bin"), f"fill {_percent(fill)}"]
-    if found.plan.left_out:  # the bound may be that of a larger load
-        parts.append(f"{_count(len(found.plan.left_out), 'item')} left out")
-    else:
-        gap = relative_gap(job, found.bins, found.cost, found.bound, least)
-        parts.append(f"gap {_percent(gap)}")
-    return ", ".join(parts)
 
 
 def write_files(found: Solution, files: dict[str, Path]) -> None:
@@ -233,87 +212,6 @@ def write_files(found: Solution, files: dict[str, Path]) -> None:
             found.write_json(path) if path.suffix.lower() == ".json" else found.write_csv(path)
         else:
             getattr(found, f"write_{option}")(path)
-
-
-def figures_of_one(found: Solution) -> dict[str, str]:
-    """What a plan amounts to, by the name of the figure."""
-    job, figures = found.job, found.figures
-    rows = {"bins": f"{figures.bins:,}{_kinds(job, found)}", "fill": _percent(figures.utilisation)}
-    if any(item.weight for item in job.items):
-        rows["weight"] = _number(figures.weight)
-    if any(kind.cost is not None for kind in job.bins):
-        rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
-    gap = "" if found.gap is None else f", gap {_percent(found.gap)}"
-    rows["lower bound"] = f"{_count(found.bound, 'bin')}{gap}"
-    rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
-    rows["limited by"] = found.limited_by
-    if figures.left_out:
-        counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
-        rows["left out"] = f"{_count(figures.left_out, 'item')} ({_counted(counts)})"
-    if found.unpacked:
-        rows["of these"] = f"{_count(found.unpacked, 'item')} would fit: there are too few bins"
-    if found.rounding:
-        rows["rounding"] = f"adds {_percent(found.rounding)} to the items' volume"
-    return rows
-
-
-def table_of_many(solutions: Sequence[Solution]) -> Table:
-    """A row per order."""
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("order", no_wrap=True)
-    for name in ("items", "left out", "bins", "bound", "gap", "fill", "weight", "s", "packings"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("limited by", no_wrap=True)
-    for found in solutions:
-        figures = found.figures
-        cells = [f"{found.job.count:,}", f"{figures.left_out:,}"]
-        cells += [f"{figures.bins:,}", f"{found.bound:,}"]
-        cells += ["" if found.gap is None else _percent(found.gap), _percent(figures.utilisation)]
-        cells += [_number(figures.weight), f"{found.seconds:.1f}", f"{found.packings:,}"]
-        table.add_row(_text(found.job.name), *cells, found.limited_by)
-    return table
-
-
-def _kinds(job: Job, found: Solution) -> str:
-    """How many of each kind of bin, if there are several."""
-    if len(job.bins) == 1:
-        return ""
-    counts = Counter(_called(job, job.bins[packed.bin]) for packed in found.plan.bins)
-    return f" ({_counted(counts)})"
-
-
-def _called(job: Job, kind: BinType) -> str:
-    axes = (0, 2) if job.dimension == 2 else (0, 1, 2)
-    return kind.name or " x ".join(_number(kind.size[axis]) for axis in axes)
-
-
-def _counted(counts: Counter[str]) -> str:
-    parts = [f"{count:,} of {name}" for name, count in counts.most_common(NAMED)]
-    return ", ".join(parts) + (", ..." if len(counts) > NAMED else "")
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number:,} {thing}{'s' * (number != 1)}"
-
-
-def _percent(share: float) -> str:
-    return f"{share * 100:.1f} %"
-
-
-def _number(value: float) -> str:
-    return f"{value:,.10g}"
-
-
-def _text(line: str) -> Text:
-    """A line in which names from files are neither markup nor commands to the terminal."""
-    return Text("".join(c if c.isprintable() else "?" for c in line))
-
-
-def print_table(console: Console, table: Table) -> None:
-    """Prints a table wider than the terminal rather than with figures cut off."""
-    wide = Measurement.get(console, console.options.update(max_width=200), table).maximum
-    console.width = max(console.width, wide)
-    console.print(table)
 
 
 def solve_jobs(
@@ -333,7 +231,7 @@ def solve_jobs(
         where = str(source)
         if len(jobs) > 1:
             where += f": order '{job.name}'"
-            _say(status, f"{where}: {_count(job.count, 'item')}")
+            say(status, f"{where}: {counted(job.count, 'item')}")
         try:
             found = search(job, how, interrupted, status)
             if found is None:
@@ -342,7 +240,7 @@ def solve_jobs(
         except UserError as error:
             if len(jobs) == 1:
                 raise UserError(f"{where}: {error}") from None
-            _say(status, f"error: {where}: {error}")
+            say(status, f"error: {where}: {error}")
             continue
         except InvalidPlanError as error:  # a fault of this program
             raise SystemExit(
@@ -350,10 +248,10 @@ def solve_jobs(
             ) from None
         solutions.append(found)
         if own:
-            _say(status, f"written: {', '.join(map(str, own.values()))}")
+            say(status, f"written: {', '.join(map(str, own.values()))}")
         if found.unpacked:
-            what = f"{_count(found.unpacked, 'item')} not packed, there are too few bins"
-            _say(status, f"error: {where}: {what}; give more, or a larger COPIES")
+            what = f"{counted(found.unpacked, 'item')} not packed, there are too few bins"
+            say(status, f"error: {where}: {what}; give more, or a larger COPIES")
         if interrupted:
             break
     return solutions
@@ -364,26 +262,12 @@ def write_orders(path: Path, solutions: Sequence[Solution], status: Console) -> 
     alone = [found for found in solutions if len(found.plan.bins) == 1]
     if alone:
         write_bed_bpp(path, [found.job for found in alone], [found.plan for found in alone])
-        _say(status, f"written: {path}")
+        say(status, f"written: {path}")
     for found in solutions:
         if len(found.plan.bins) > 1:
             what = f"order '{found.job.name}' is not in it: it takes {len(found.plan.bins)} bins"
-            _say(status, f"error: {path}: {what}, BED-BPP has one")
+            say(status, f"error: {path}: {what}, BED-BPP has one")
     return len(alone) == len(solutions)
-
-
-def print_solutions(console: Console, solutions: Sequence[Solution], several: bool) -> None:
-    """One solution as a line per figure, several as a table with a row for each."""
-    if several:
-        print_table(console, table_of_many(solutions))
-        return
-    for found in solutions:
-        for name, value in figures_of_one(found).items():
-            _say(console, f"{name:<13}{value}")
-
-
-def _say(console: Console, line: str) -> None:
-    console.print(_text(line), soft_wrap=True)
 
 
 def main(argv: Sequence[str]) -> None:
@@ -412,7 +296,7 @@ def main(argv: Sequence[str]) -> None:
             what = "there is no plan yet, nothing is written"
         elif len(jobs) > 1:
             what = f"{len(solutions)} of {len(jobs)} orders are solved"
-        _say(status, f"interrupted: {what}")
+        say(status, f"interrupted: {what}")
     if any(thread.name == THREAD for thread in threads()):
         # A compilation came too late: the time limit is for it too.
         sys.stdout.flush()

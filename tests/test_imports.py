@@ -10,7 +10,7 @@ import jaxpack
 ROOT = Path(jaxpack.__file__).parent
 DOORS = {"train", "evaluate", "solve"}
 ROOMS = {"packing", "solvers", "learning", "loading", "files"}
-TOP = {"methods", "comparison", "tables", "training", "solution", "cli"}
+TOP = {"methods", "comparison", "tables", "plan_tables", "training", "solution", "cli"}
 BASE = {"errors", "devices"}
 ALLOWED = {
     "errors": set(),

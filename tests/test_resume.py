@@ -66,6 +66,12 @@ def without_times(run: Path):
     return [{k: v for k, v in r.items() if k not in timed} for r in read_lines(run)]
 
 
+def assert_same_run(one, other):
+    for ours, theirs in zip(final_leaves(one), final_leaves(other), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert without_times(one) == without_times(other), "a line was lost or repeated"
+
+
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory):
     run = tmp_path_factory.mktemp("runs") / "whole"
@@ -101,9 +107,7 @@ def test_killed_and_resumed_is_bit_identical(uninterrupted, tmp_path):
     output, _ = process.communicate(timeout=300)
     assert process.returncode == 0, output
     assert int(output.split()[0]) > 24, "resumed from the start and not from a checkpoint"
-    for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+    assert_same_run(run, uninterrupted)
 
 
 def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted, tmp_path):
@@ -115,9 +119,7 @@ def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted,
     assert (run / "checkpoints" / "12").is_dir()
     assert next(train_run(run, CONFIG))["update"] == 16
     list(train_run(run, CONFIG))
-    for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+    assert_same_run(run, uninterrupted)
 
 
 def test_a_full_disk_is_one_error_and_loses_nothing(uninterrupted, tmp_path):
@@ -132,9 +134,7 @@ def test_a_full_disk_is_one_error_and_loses_nothing(uninterrupted, tmp_path):
         next(steps)
     (run / "kept").rename(run / "metrics.jsonl")
     list(train_run(run, CONFIG))
-    for ours, theirs in zip(final_leaves(run), final_leaves(uninterrupted), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-    assert without_times(run) == without_times(uninterrupted), "a line was lost or repeated"
+    assert_same_run(run, uninterrupted)
 
 
 def test_a_run_is_trained_by_one_process_at_a_time(tmp_path):

@@ -14,7 +14,7 @@ from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES, choose_orders
 from jaxpack.loading.local_search import Genes
-from jaxpack.loading.stock import Loading, first_genes
+from jaxpack.loading.stock import Loading, first_genes, first_stage
 from jaxpack.packing.problem import Instance, Problem
 
 CELLS = {2: range(8, 21), 3: range(6, 9)}
@@ -61,13 +61,9 @@ def _on_a_grid(loading: Loading, genes: Genes) -> tuple[Instance, int]:
     whole = np.maximum(np.round(share * cells[:, None]), 1)
     whole = np.where(share > 1, cells[:, None] + 1, whole).astype(np.int32)
     kinds = max(len(np.unique(rows[stock.mask], axis=0)) for rows in whole)
-    items = _shape(whole.shape[1])
+    items = first_stage(SHAPES, whole.shape[1]) or whole.shape[1]
     empty = ((0, 0), (0, items - whole.shape[1]))
     mask = np.pad(np.broadcast_to(stock.mask, whole.shape[:2]), empty)
     size = np.pad(whole, (*empty, (0, 0)), constant_values=1)
     instance = Instance(jnp.asarray(size), jnp.asarray(mask), jnp.asarray(cells, jnp.int32))
-    return instance, min(_shape(kinds), items)
-
-
-def _shape(count: int) -> int:
-    return next((shape for shape in SHAPES if shape >= count), count)
+    return instance, min(first_stage(SHAPES, kinds) or kinds, items)

@@ -73,7 +73,9 @@ def load_job(
     stock, volumes = _stock(job, units, ways, items, bins)
     largest = float(np.asarray(stock.bins, np.float64).prod(1).max())
     most = int((np.cumsum(np.sort(volumes)) <= largest * (1 + 1e-9)).sum())
-    rules = ExactRules(_at_least(STAGES, most), job.dimension == 2, support, inclusive)
+    rules = ExactRules(
+        first_stage(STAGES, most) or STAGES[-1], job.dimension == 2, support, inclusive
+    )
     return Loading(job, units, rules, stock, items, ways, bins), left_out
 
 
@@ -230,9 +232,9 @@ def _power_of_two(count: int) -> int:
     return max(16, 1 << (count - 1).bit_length())
 
 
-def _at_least(stages: tuple[int, ...], count: int) -> int:
-    """The first stage that is large enough, the last where none is."""
-    return next((stage for stage in stages if stage >= count), stages[-1])
+def first_stage(stages: tuple[int, ...], count: int) -> int | None:
+    """The first stage that is large enough."""
+    return next((stage for stage in stages if stage >= count), None)
 
 
 def _sides(size: Sides) -> str:

@@ -1,0 +1,128 @@
+"""What `python -m jaxpack.solve` says of a plan: its live line, its figures, its table."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from rich import box
+from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
+from rich.text import Text
+
+from jaxpack.loading.job import BinType, Job
+from jaxpack.loading.solver import Progress
+from jaxpack.solution import Solution, relative_gap
+
+NAMED = 5  # of many things the first few are named
+
+
+def live_figures(job: Job, found: Progress, least: float) -> str:
+    """The live line. In floats: exact figures of a large plan take seconds."""
+    room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
+    items = (put.item for packed in found.plan.bins for put in packed.placements)
+    fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
+    parts = [counted(found.bins, "bin"), f"fill {_percent(fill)}"]
+    if found.plan.left_out:  # the bound may be that of a larger load
+        parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
+    else:
+        gap = relative_gap(job, found.bins, found.cost, found.bound, least)
+        parts.append(f"gap {_percent(gap)}")
+    return ", ".join(parts)
+
+
+def figures_of_one(found: Solution) -> dict[str, str]:
+    """What a plan amounts to, by the name of the figure."""
+    job, figures = found.job, found.figures
+    rows = {"bins": f"{figures.bins:,}{_kinds(job, found)}", "fill": _percent(figures.utilisation)}
+    if any(item.weight for item in job.items):
+        rows["weight"] = _number(figures.weight)
+    if any(kind.cost is not None for kind in job.bins):
+        rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
+    gap = "" if found.gap is None else f", gap {_percent(found.gap)}"
+    rows["lower bound"] = f"{counted(found.bound, 'bin')}{gap}"
+    rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
+    rows["limited by"] = found.limited_by
+    if figures.left_out:
+        counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
+        rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
+    if found.unpacked:
+        rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
+    if found.rounding:
+        rows["rounding"] = f"adds {_percent(found.rounding)} to the items' volume"
+    return rows
+
+
+def table_of_many(solutions: Sequence[Solution]) -> Table:
+    """A row per order."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("order", no_wrap=True)
+    for name in ("items", "left out", "bins", "bound", "gap", "fill", "weight", "s", "packings"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("limited by", no_wrap=True)
+    for found in solutions:
+        figures = found.figures
+        cells = [f"{found.job.count:,}", f"{figures.left_out:,}"]
+        cells += [f"{figures.bins:,}", f"{found.bound:,}"]
+        cells += ["" if found.gap is None else _percent(found.gap), _percent(figures.utilisation)]
+        cells += [_number(figures.weight), f"{found.seconds:.1f}", f"{found.packings:,}"]
+        table.add_row(plain_text(found.job.name), *cells, found.limited_by)
+    return table
+
+
+def _kinds(job: Job, found: Solution) -> str:
+    """How many of each kind of bin, if there are several."""
+    if len(job.bins) == 1:
+        return ""
+    counts = Counter(_called(job, job.bins[packed.bin]) for packed in found.plan.bins)
+    return f" ({_names_of(counts)})"
+
+
+def _called(job: Job, kind: BinType) -> str:
+    axes = (0, 2) if job.dimension == 2 else (0, 1, 2)
+    return kind.name or " x ".join(_number(kind.size[axis]) for axis in axes)
+
+
+def _names_of(counts: Counter[str]) -> str:
+    parts = [f"{count:,} of {name}" for name, count in counts.most_common(NAMED)]
+    return ", ".join(parts) + (", ..." if len(counts) > NAMED else "")
+
+
+def counted(number: int, thing: str) -> str:
+    """1 bin, 2 bins."""
+    return f"{number:,} {thing}{'s' * (number != 1)}"
+
+
+def _percent(share: float) -> str:
+    return f"{share * 100:.1f} %"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.10g}"
+
+
+def plain_text(line: str) -> Text:
+    """A line in which names from files are neither markup nor commands to the terminal."""
+    return Text("".join(c if c.isprintable() else "?" for c in line))
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Prints a table wider than the terminal rather than with figures cut off."""
+    wide = Measurement.get(console, console.options.update(max_width=200), table).maximum
+    console.width = max(console.width, wide)
+    console.print(table)
+
+
+def print_solutions(console: Console, solutions: Sequence[Solution], several: bool) -> None:
+    """One solution as a line per figure, several as a table with a row for each."""
+    if several:
+        print_table(console, table_of_many(solutions))
+        return
+    for found in solutions:
+        for name, value in figures_of_one(found).items():
+            say(console, f"{name:<13}{value}")
+
+
+def say(console: Console, line: str) -> None:
+    """Prints a line as long as it is, with nothing in it that the terminal would obey."""
+    console.print(plain_text(line), soft_wrap=True)
