@@ -41,7 +41,7 @@ class TrainOptions:
     """Train a policy in a run folder. Options that are not given are the preset's."""
 
     preset: Positional[str] = DEFAULT_PRESET
-    """bin-aware-2d or -3d, also with -range, paper-2d or paper-3d."""
+    """bin-aware-2d or -3d, also with -range or -turned, paper-2d or paper-3d."""
     resume: Path | None = None
     """Go on with this run folder; takes no other option."""
     run: Path | None = None

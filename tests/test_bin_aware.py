@@ -11,16 +11,24 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
-from jaxpack.learning.bin_aware import candidates, compact, order_of, reset, step
+from jaxpack.learning.bin_aware import (
+    candidates,
+    compact,
+    order_of,
+    orientations_of,
+    reset,
+    step,
+)
 from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.gradients import policy_gradient
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
+from jaxpack.learning.rollout import choose
 from jaxpack.packing.candidates import footprints, rests, surroundings
 from jaxpack.packing.height_map import empty_map, lowest, rest
 from jaxpack.packing.instances import sample
 from jaxpack.packing.metrics import bins_first_cost
-from jaxpack.packing.problem import Instance
+from jaxpack.packing.problem import Instance, in_orientation
 
 PROBLEMS = {
     "2d": replace(PAPER_2D, largest=None),
@@ -45,9 +53,10 @@ def random_play(problem, items, kinds):
             state, choices = candidates(problem, fixed, state)
             noise = jax.random.uniform(key, choices.fits.shape)
             kind = jnp.argmax(jnp.where(choices.fits, noise, -1), 0).astype(jnp.int32)
-            label = jnp.where(choices.fits.any(0), kind, items)
-            corner = [jnp.take_along_axis(c, kind[None], 0)[0] for c in choices.corner]
-            seen = (state, choices, label, jnp.stack(corner), state.opened)
+            columns = (fixed.label, fixed.orientation, *choices.corner)
+            label, turned, *corner = (jnp.take_along_axis(c, kind[None], 0)[0] for c in columns)
+            label = jnp.where(choices.fits.any(0), label, items)
+            seen = (state, choices, label, jnp.stack(corner), state.opened, turned)
             return step(problem, fixed, state, choices, kind), seen
 
         _, seen = jax.lax.scan(turn, state, jax.random.split(key, items))
@@ -56,15 +65,32 @@ def random_play(problem, items, kinds):
     return jax.jit(play)
 
 
+def may_turn(problem, instances):
+    """Half of the items in three ways, of which two may be the same; the others in one."""
+    ways = [(0, 1, 2), (2, 1, 0), (1, 0, 2) if problem.bin[1] > 1 else (0, 1, 2)]
+    size = np.asarray(instances.size)
+    turned = np.stack([size[..., way] for way in ways], 2)
+    turned[:, ::2] = size[:, ::2, None]
+    return instances._replace(turned=jnp.asarray(turned))
+
+
+@pytest.mark.parametrize("turns", [False, True])
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_the_order_packs_to_what_the_policy_saw(name):
+def test_the_order_packs_to_what_the_policy_saw(name, turns):
     problem, items, count = PROBLEMS[name], 14, 2000
     instances, _ = random_cases(problem, 7, count, items)
-    fixed, _, _, label, corner, opened = random_play(problem, items, None)(
+    if turns:
+        instances = may_turn(problem, instances)
+    fixed, _, _, label, corner, opened, way = random_play(problem, items, None)(
         jax.random.key(1), instances
     )
     orders = np.asarray(order_of(fixed, label)).T
     assert (np.sort(orders, 1) == np.arange(items)).all()
+    chosen = orientations_of(fixed, label, way).T
+    if turns:
+        turning = np.asarray(chosen)[:, 1::2][np.asarray(instances.mask)[:, 1::2]]
+        assert 0.2 < (turning > 0).mean() < 0.8
+    given, instances = instances, jax.vmap(in_orientation)(instances, chosen)
     packing = packer(problem)(instances, orders)
     placed = items > np.asarray(label).T  # [count, steps]
     member = np.arange(count)[:, None]
@@ -77,9 +103,11 @@ def test_the_order_packs_to_what_the_policy_saw(name):
         np.moveaxis(np.asarray(corner), 1, -1).swapaxes(0, 1)[placed],
     )
     # All that fits an empty bin is placed, padding never.
-    fits_bin = (np.asarray(instances.size) <= np.asarray(instances.bin)[:, None]).all(-1)
+    ways = np.asarray(given.size[:, :, None] if given.turned is None else given.turned)
+    fits_bin = (ways <= np.asarray(instances.bin)[:, None, None]).all(-1)
     if problem.largest:
-        fits_bin &= (np.asarray(instances.size)[..., :2] <= problem.largest).all(-1)
+        fits_bin &= (ways[..., :2] <= problem.largest).all(-1)
+    fits_bin = fits_bin.any(-1)
     np.testing.assert_array_equal(bins >= 0, np.asarray(instances.mask) & fits_bin)
 
 
@@ -180,14 +208,35 @@ def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
         assert (placed[:, :-1] >= placed[:, 1:]).all()
 
 
+def test_the_policy_turns_items_as_it_saw_them():
+    problem, items = PROBLEMS["3d"], 12
+    params = init_network(NETWORK, jax.random.key(0))
+    params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
+    instances, _ = random_cases(problem, 11, 64, items, oversize=0)
+    keys = jax.random.split(jax.random.key(5), 64)
+    fixed = jax.tree.map(jnp.asarray, instances)
+    turned = may_turn(problem, fixed)
+    orders, ways = jax.jit(partial(choose, problem, NETWORK))(params, turned, keys)
+    assert (np.sort(orders, 1) == np.arange(items)).all()
+    assert not np.asarray(ways)[:, ::2].any()
+    assert 0.2 < (np.asarray(ways)[:, 1::2] > 0).mean() < 0.9
+    free = packer(problem)(jax.vmap(in_orientation)(turned, ways), orders)
+    assert (np.asarray(free.bin) >= 0)[np.asarray(fixed.mask)].all()
+
+
 def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
     problem, items = PROBLEMS["2d"], 16
     instances = sample(problem, Distribution(items, 1, 3), jax.random.key(5), 64)
     fixed, state = reset(problem, batch_last(instances), 9)  # 3 x 3 sizes
     assert (state.remaining.sum(0) == items).all()
-    for _ in range(8):
+
+    @jax.jit
+    def turn(state):
         state, choices = candidates(problem, fixed, state)
-        state = step(problem, fixed, state, choices, jnp.argmax(choices.fits, 0).astype(jnp.int32))
+        return step(problem, fixed, state, choices, jnp.argmax(choices.fits, 0).astype(jnp.int32))
+
+    for _ in range(8):
+        state = turn(state)
     smaller, kept = compact(fixed, state, 8)
     assert kept.remaining.shape[0] == 8
     sizes = jnp.stack(fixed.sides)
@@ -259,7 +308,9 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
         np.testing.assert_allclose(estimate, truth, atol=0.06 * scale + 2e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("learner", ["leave-one-out", "self-label"])
+@pytest.mark.parametrize(
+    "learner", ["leave-one-out", pytest.param("self-label", marks=pytest.mark.slow)]
+)
 def test_a_few_updates_lower_the_cost(learner):
     from jaxpack.learning.trainer import init_state, train_chunk
 

@@ -72,9 +72,16 @@ def test_resuming_a_finished_run_prints_its_table_again(trained, run_door):
     assert "bin-aware" in again.stdout
 
 
-def test_evaluate_prints_a_table_and_writes_json(run_door):
-    methods = "random,volume,height,footprint,best-of-20,brkga,pointer,bin-aware,brkga-seeded"
-    methods += ",bin-aware-best-of-4,bin-aware-beam-2,bin-aware-search"
+@pytest.mark.parametrize(
+    "methods",
+    [
+        "random,volume,height,footprint,best-of-20,brkga,pointer,bin-aware,bin-aware-best-of-4",
+        pytest.param(
+            "volume,brkga-seeded,bin-aware-beam-2,bin-aware-search", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_evaluate_prints_a_table_and_writes_json(run_door, methods):
     options = ["--methods", methods, "--instances", "30", "--batch", "10", "--json", "rows.json"]
     budget = ["--brkga-population", "10", "--brkga-generations", "3"]
     budget += ["--search-width", "2", "--search-draws", "2"]

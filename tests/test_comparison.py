@@ -34,9 +34,14 @@ def figures(row):
 
 @pytest.mark.parametrize(
     "name",
-    ["random", "best-of-30", "brkga", "pointer", "bin-aware", "bin-aware-best-of-2", "brkga-seeded",
-     "bin-aware-beam-3", "bin-aware-search"],
-)  # fmt: skip
+    [
+        *("random", "best-of-30", "brkga", "pointer", "bin-aware", "bin-aware-best-of-2"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("brkga-seeded", "bin-aware-beam-3", "bin-aware-search")
+        ),
+    ],
+)
 def test_the_batch_size_does_not_change_the_figures(name):
     options = MethodOptions(brkga=BrkgaConfig(20, 5), kinds=25, width=2, draws=2, rounds=3)
     method = make_method(name, PAPER.problem, options)

@@ -10,7 +10,7 @@ import pytest
 from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
 from jaxpack.packing.instances import Distribution, sample, sample_at, uniform_instance
-from jaxpack.packing.problem import Problem, make_instance
+from jaxpack.packing.problem import Problem, in_orientation, make_instance
 
 KEY = jax.random.key(0)
 
@@ -92,6 +92,39 @@ def test_a_distribution_refuses_what_it_cannot_draw(items, low, high, message):
     with pytest.raises(UserError, match=message) as caught:
         Distribution(items, low, high)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("problem", "turns", "ways"),
+    [
+        (PAPER_3D, "all", 6),
+        (PAPER_3D, "upright", 2),
+        (PAPER_2D, "all", 2),
+        (PAPER_2D, "upright", 1),
+    ],
+)
+def test_items_that_may_be_turned_have_their_sides_in_other_places(problem, turns, ways):
+    distribution = Distribution(20, 2, 5, turns)
+    instances = sample(problem, distribution, KEY, 30)
+    fixed = sample(problem, replace(distribution, turns="fixed"), KEY, 30)
+    np.testing.assert_array_equal(instances.size, fixed.size)
+    assert fixed.turned is None
+    size, turned = np.asarray(instances.size), np.asarray(instances.turned)
+    assert turned.shape == (30, 20, ways, 3)
+    np.testing.assert_array_equal(turned[:, :, 0], size)
+    np.testing.assert_array_equal(
+        np.sort(turned, -1), np.sort(size, -1)[:, :, None].repeat(ways, 2)
+    )
+    different = [len({tuple(way) for way in item}) for item in turned.reshape(-1, ways, 3).tolist()]
+    assert max(different) == ways
+    for axis in {0, 1, 2} - set(problem.axes):
+        assert (turned[..., axis] == 1).all()
+    if turns == "upright":
+        np.testing.assert_array_equal(turned[..., 2], size[..., None, 2].repeat(ways, -1))
+    last = jnp.full(20, ways - 1)
+    chosen = in_orientation(jax.tree.map(lambda leaf: leaf[0], instances), last)
+    assert chosen.turned is None
+    np.testing.assert_array_equal(chosen.size, turned[0, :, -1])
 
 
 def test_a_distribution_knows_which_bins_its_items_fit():

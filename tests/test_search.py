@@ -51,7 +51,9 @@ def costs_after(name, rounds):
     return costs_of(jax.jit(partial(run_rounds, SEARCHES[name], rounds=rounds))(KEYS, INSTANCES))
 
 
-@pytest.mark.parametrize("name", ["bin by bin", "evolved", "sampling"])
+@pytest.mark.parametrize(
+    "name", ["bin by bin", pytest.param("evolved", marks=pytest.mark.slow), "sampling"]
+)
 def test_more_rounds_are_never_worse_and_pay(name):
     costs = [costs_after(name, rounds) for rounds in (1, 4, 9)]
     assert (costs[1] <= costs[0]).all()
@@ -66,6 +68,7 @@ def test_bin_by_bin_is_never_worse_than_what_it_starts_from_and_beats_whole_orde
     assert found.mean() < min(start.mean(), costs_after("sampling", 9).mean())
 
 
+@pytest.mark.slow
 def test_what_has_bred_is_never_worse_than_what_it_comes_from_and_better_than_either():
     # 4 rounds of 3 generations each, against 4 rounds and against 12 generations.
     evolved, found = costs_after("evolved", 4), costs_after("bin by bin", 4)

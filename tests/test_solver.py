@@ -49,9 +49,9 @@ def test_a_plan_is_valid_and_complete_and_comes_in_time():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_the_policy_and_the_search_together_lose_to_neither(dimension):
-    job = Job(cartons(8, kinds=8, ways=("XYZ",)), (PALLET,), dimension)
+@pytest.mark.parametrize(("dimension", "ways"), [(2, ("XYZ",)), (3, ("XYZ", "YXZ"))])
+def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
+    job = Job(cartons(8, kinds=8, ways=ways), (PALLET,), dimension)
     loading, _ = load_job(job, units_of(job), 0.5, True, False)
     policy = range_policy(job)
     genes = policy_genes(loading, policy, seed=0)
@@ -59,6 +59,9 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension):
     np.testing.assert_array_equal(np.sort(genes.order, 1), np.tile(np.arange(N), (lanes, 1)))
     assert (np.asarray(genes.order)[:, : job.count] < job.count).all(), "padding before items"
     assert len(np.unique(np.asarray(genes.order), axis=0)) > lanes // 4
+    turned = np.asarray(genes.turn)[:, : job.count]
+    assert (turned < np.asarray(loading.stock.ways)[: job.count]).all()
+    assert len(np.unique(turned)) == len(ways)
 
     def packed(first):
         some = jax.tree.map(lambda leaf: leaf[first : first + 32], genes)

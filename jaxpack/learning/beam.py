@@ -28,6 +28,8 @@ def beam_orders(
 ) -> Array:
     """All orders that the beams end with, slot 0 the greedy one: int32 [B, width, N].
 
+    Items stay as `Instance.size` has them.
+
     Args:
         instances: leaves [B, ...].
         kinds: see `choose_orders`.
@@ -36,7 +38,7 @@ def beam_orders(
     def orders(piece: Instance) -> Array:
         return _beams(problem, config, params, piece, width, kinds)
 
-    return in_pieces(orders, instances, max(1, LANES // width))
+    return in_pieces(orders, instances._replace(turned=None), max(1, LANES // width))
 
 
 def _beams(

@@ -120,14 +120,15 @@ def _context_features(
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     capacity = bin_x * bin_y * ceiling
-    volume = state.remaining * length * width * height / capacity
+    remaining = state.remaining * kinds.share
+    volume = remaining * length * width * height / capacity
     left = volume.sum(0)
     inside = state.heights[: problem.bin[0], : problem.bin[1]]
     heights = _walls_as(inside, 0)
     shares = [
         state.used / capacity, left / 4, jnp.minimum(left, 1), left - jnp.floor(left),
         heights.max((0, 1)) / ceiling, heights.sum((0, 1), dtype=jnp.int32) / capacity,
-        state.remaining.sum(0) / 40, state.used == 0,
+        remaining.sum(0) / 40, state.used == 0,
     ]  # fmt: skip
     # A wall is above every bucket.
     level = inside.astype(jnp.int32) * BUCKETS // kinds.bin[2]

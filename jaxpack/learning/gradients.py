@@ -18,7 +18,7 @@ from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.metrics import bins_used, compactness, pyramid
-from jaxpack.packing.problem import Instance, Packing
+from jaxpack.packing.problem import Instance, Packing, in_orientation
 
 
 class Outcome(NamedTuple):
@@ -106,7 +106,10 @@ def _bin_aware_gradient(
     def work(total: Params, inputs: tuple[Instance, Array]) -> tuple[Params, Outcome]:
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
-        orders, trace = trace_choices(config.problem, network, params, repeated, keys, config.kinds)
+        orders, turns, trace = trace_choices(
+            config.problem, network, params, repeated, keys, config.kinds
+        )
+        repeated = jax.vmap(in_orientation)(repeated, turns)
         packings = jax.vmap(partial(pack, config.problem))(repeated, orders)
         judged = jax.vmap(partial(_judge, config))(repeated, packings)
         if config.learner == "self-label":

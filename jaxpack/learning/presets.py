@@ -49,6 +49,22 @@ RANGE = (
     Cell((20, 20, 20), Distribution(items=100, low=1, high=5)),
 )
 
+# What `jaxpack.solve` makes of a bin and of items that may be turned.
+TURNED_2D = (
+    Cell((20, 1, 20), Distribution(items=40, low=2, high=14, turns="all")),
+    Cell((16, 1, 16), Distribution(items=60, low=1, high=8)),
+    Cell((12, 1, 12), Distribution(items=60, low=1, high=6, turns="all")),
+    Cell((10, 1, 10), Distribution(items=30, low=1, high=8, turns="all")),
+    Cell((8, 1, 8), Distribution(items=50, low=1, high=5)),
+)
+TURNED_3D = (
+    Cell((8, 8, 8), Distribution(items=30, low=1, high=5, turns="all")),
+    Cell((8, 8, 8), Distribution(items=40, low=2, high=5, turns="upright")),
+    Cell((8, 8, 8), Distribution(items=60, low=1, high=6)),
+    Cell((7, 7, 7), Distribution(items=30, low=1, high=6, turns="all")),
+    Cell((6, 6, 6), Distribution(items=50, low=1, high=4, turns="upright")),
+)
+
 PRESETS = {
     # The policy that sees the bin; every instance is met once.
     "bin-aware-2d": BIN_AWARE,
@@ -59,6 +75,12 @@ PRESETS = {
     ),
     "bin-aware-3d-range": replace(
         BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE
+    ),
+    "bin-aware-2d-turned": replace(
+        BIN_AWARE, train_instances=38_400, learning_rate=5e-3, credit="bin", others=TURNED_2D
+    ),
+    "bin-aware-3d-turned": replace(
+        BIN_AWARE_3D, train_instances=38_400, learning_rate=5e-3, others=TURNED_3D
     ),
     # The paper's recipe, section III.A: 100,000 instances, batch 50, 5 epochs, Adam 5e-4.
     "paper-2d": TrainConfig(problem=PAPER_2D, distribution=Distribution(items=40, low=1, high=5)),

@@ -9,13 +9,22 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_aware import BinState, Kinds, compact, order_of, reset, step
+from jaxpack.learning.bin_aware import (
+    BinState,
+    Kinds,
+    compact,
+    order_of,
+    orientations_of,
+    reset,
+    step,
+)
 from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
 from jaxpack.learning.parameters import Params
 from jaxpack.packing.problem import Instance, Problem
 
 T = TypeVar("T")
 U = TypeVar("U")
+Choice = tuple[Array, Array]  # label of the kind and orientation, int32 [B] each
 
 # Instances side by side. What the network holds of 64 stays in a core's cache, and since every
 # batch is cut into pieces of this one shape, an instance's order does not depend on the batch.
@@ -45,19 +54,39 @@ def choose_orders(
 ) -> Array:
     """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
 
+    Items stay as `Instance.size` has them.
+
     Args:
         instances: leaves [B, ...].
-        kinds: K, at least the number of distinct sizes in an instance; N if not given. Fewer
-            are faster.
+        kinds: at least the number of distinct sizes in an instance; N if not given. Fewer are
+            faster.
         temperature: samples are drawn from probabilities to the power of 1 / temperature.
 
     Returns:
         int32 [B, N].
     """
+    fixed = instances._replace(turned=None)
+    return choose(problem, config, params, fixed, keys, kinds, temperature)[0]
 
-    def orders(piece: tuple[Instance, Array | None]) -> Array:
-        chosen, _ = _play(problem, config, params, *piece, kinds, temperature, remember=False)
-        return chosen
+
+def choose(
+    problem: Problem,
+    config: BinAwareConfig,
+    params: Params,
+    instances: Instance,
+    keys: Array | None = None,
+    kinds: int | None = None,
+    temperature: float = 1.0,
+) -> tuple[Array, Array]:
+    """`choose_orders` that turns the items too, where `Instance.turned` leaves a choice.
+
+    Returns:
+        (order int32 [B, N], orientation int32 [B, N] by item): what was packed is the order
+        over `in_orientation(instance, orientation)`.
+    """
+
+    def orders(piece: tuple[Instance, Array | None]) -> tuple[Array, Array]:
+        return _play(problem, config, params, *piece, kinds, temperature, remember=False)[:2]
 
     return in_pieces(orders, (instances, keys), LANES)
 
@@ -80,8 +109,8 @@ def trace_choices(
     instances: Instance,
     keys: Array,
     kinds: int,
-) -> tuple[Array, list[Trace]]:
-    """Sampled orders int32 [B, N] and what was seen and chosen: a trace per stretch of equal K."""
+) -> tuple[Array, Array, list[Trace]]:
+    """What `choose` samples, and what was seen and chosen: a trace per stretch of equal K."""
     return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
 
 
@@ -94,49 +123,56 @@ def _play(
     kinds: int | None,
     temperature: float,
     remember: bool,
-) -> tuple[Array, list[Trace]]:
-    """(orders int32 [B, N], the traces if they are to be remembered)."""
+) -> tuple[Array, Array, list[Trace]]:
+    """(orders, orientations, int32 [B, N] each; the traces if they are to be remembered)."""
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
     fixed, state = reset(problem, last, kinds)
     items = instances.mask.shape[1]
+    ways = 1 if instances.turned is None else instances.turned.shape[2]
 
     noise = jnp.zeros((items, *state.remaining.shape))
     if keys is not None:
         draw = jax.vmap(lambda key: jax.random.gumbel(key, noise.shape[:2]), out_axes=-1)
         noise = draw(keys)
 
-    def choose(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Array, Trace]]:
+    def play(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Choice, Trace]]:
         state, choices, sight = look(problem, config, fixed, state)
         preference = scores(config, params, sight)
         kind = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
-        label = jnp.take_along_axis(fixed.label, kind[None], 0)[0]
+        label, orientation = (
+            jnp.take_along_axis(column, kind[None], 0)[0]
+            for column in (fixed.label, fixed.orientation)
+        )
         label = jnp.where(choices.fits.any(0), label, items)
         after = step(problem, fixed, state, choices, kind)
-        return after, (label, Trace(sight, kind))
+        return after, ((label, orientation), Trace(sight, kind))
 
-    def choose_label(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, Array]:
+    def play_only(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, Choice]:
         """Without a trace to fill, the steps after the last item has been placed cost nothing."""
 
-        def turn(state: BinState) -> tuple[BinState, Array]:
-            after, (label, _) = choose(fixed, state, noise)
-            return after, label
+        def turn(state: BinState) -> tuple[BinState, Choice]:
+            after, (choice, _) = play(fixed, state, noise)
+            return after, choice
 
-        def rest(state: BinState) -> tuple[BinState, Array]:
-            return state, jnp.full(noise.shape[1:], items)
+        def rest(state: BinState) -> tuple[BinState, Choice]:
+            nothing = jnp.zeros(noise.shape[1:], jnp.int32)
+            return state, (nothing + items, nothing)
 
         return jax.lax.cond(state.remaining.any(), turn, rest, state)
 
-    labels: list[Array] = []
+    chosen: list[Choice] = []
     trace: list[Trace] = []
     cuts = COMPACTED if state.remaining.shape[0] > FEW_KINDS else ()
     for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
-        fixed, state = compact(fixed, state, items - start)
+        fixed, state = compact(fixed, state, ways * (items - start))
         rows = state.remaining.shape[0]
         noises = noise[start:end, :rows]
         if remember:
-            state, (label, seen) = jax.lax.scan(partial(choose, fixed), state, noises)
+            state, (choice, seen) = jax.lax.scan(partial(play, fixed), state, noises)
             trace.append(seen)
         else:
-            state, label = jax.lax.scan(partial(choose_label, fixed), state, noises)
-        labels.append(label)
-    return order_of(fixed, jnp.concatenate(labels)).T, trace
+            state, choice = jax.lax.scan(partial(play_only, fixed), state, noises)
+        chosen.append(choice)
+    label, orientation = (jnp.concatenate(column) for column in zip(*chosen, strict=True))
+    order = order_of(fixed, label)
+    return order.T, orientations_of(fixed, label, orientation).T, trace

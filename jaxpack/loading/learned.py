@@ -1,7 +1,8 @@
-"""Orders for the local search to start from, drawn from the bin-aware policy.
+"""Orders and orientations for the local search to start from, drawn from the bin-aware policy.
 
 The policy was trained on a grid of cells. A bin of any size is that grid to it: every axis is
-cut into so many cells that the items' sides come close to whole ones, and an order needs no more.
+cut into so many cells that the items' sides come close to whole ones, and what it chooses needs
+no more.
 """
 
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import Policy
-from jaxpack.learning.rollout import LANES, choose_orders
+from jaxpack.learning.rollout import LANES, choose
 from jaxpack.loading.local_search import Genes
 from jaxpack.loading.stock import Loading, first_genes, first_stage
 from jaxpack.packing.problem import Instance, Problem
@@ -23,11 +24,11 @@ SHAPES = (64, 256, 1024)
 """Numbers of items, and of kinds, that a program is compiled for: few, it takes seconds."""
 TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are different orders
 
-draw_orders = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_orders)
+draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose)
 
 
 def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
-    """Sampled orders of the sorts' orientations and bins: leaves [LANES, ...]."""
+    """Sampled orders and orientations, for the sorts' sequences of bins: leaves [LANES, ...]."""
     genes = first_genes(loading, np.random.default_rng(seed), LANES)
     instances, kinds = _on_a_grid(loading, genes)
     most = CELLS[loading.job.dimension][-1]
@@ -38,32 +39,33 @@ def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
     network = policy.config.policy
     assert isinstance(network, BinAwareConfig)
     keys = jax.random.split(jax.random.key(seed), LANES)
-    order = draw_orders(
+    order, turn = draw(
         problem, network, policy.params, instances, keys, kinds=kinds, temperature=TEMPERATURE
     )
     # The filling up to a shape has the last numbers, and is last in every order.
-    return genes._replace(order=order[:, : genes.order.shape[1]])
+    items = genes.order.shape[1]
+    return genes._replace(order=order[:, :items], turn=turn[:, :items])
 
 
 def _on_a_grid(loading: Loading, genes: Genes) -> tuple[Instance, int]:
-    """The items, turned, in cells of every lane's first bin; and K, the kinds there are at most."""
+    """The items in cells of every lane's first bin; and how many kinds there are at most."""
     stock = jax.tree.map(np.asarray, loading.stock)
-    turn, pool = np.asarray(genes.turn), np.asarray(genes.pool)
-    sizes = stock.sizes[np.arange(len(stock.sizes)), turn].astype(np.float64)  # [lanes, N, 3]
-    room = stock.bins[pool[:, 0]].astype(np.float64)  # [lanes, 3]
-    share = sizes / room[:, None]
+    room = stock.bins[np.asarray(genes.pool)[:, 0]].astype(np.float64)  # [lanes, 3]
+    share = stock.sizes / room[:, None, None]  # [lanes, N, O, 3]
     choices = np.asarray(CELLS[loading.job.dimension])
-    inside = (share <= 1) & stock.mask[:, None]
+    inside = (share <= 1) & stock.mask[:, None, None]
     off = np.abs(share[..., None] * choices - np.round(share[..., None] * choices)) / choices
-    cells = choices[np.where(inside[..., None], off, 0).sum(1).argmin(-1)]  # [lanes, 3]
+    cells = choices[np.where(inside[..., None], off, 0).sum((1, 2)).argmin(-1)]  # [lanes, 3]
     if loading.rules.flat:
         cells[:, 1] = 1
-    whole = np.maximum(np.round(share * cells[:, None]), 1)
-    whole = np.where(share > 1, cells[:, None] + 1, whole).astype(np.int32)
-    kinds = max(len(np.unique(rows[stock.mask], axis=0)) for rows in whole)
-    items = first_stage(SHAPES, whole.shape[1]) or whole.shape[1]
-    empty = ((0, 0), (0, items - whole.shape[1]))
-    mask = np.pad(np.broadcast_to(stock.mask, whole.shape[:2]), empty)
-    size = np.pad(whole, (*empty, (0, 0)), constant_values=1)
-    instance = Instance(jnp.asarray(size), jnp.asarray(mask), jnp.asarray(cells, jnp.int32))
+    grid = cells[:, None, None]
+    whole = np.where(share > 1, grid + 1, np.maximum(np.round(share * grid), 1)).astype(np.int32)
+    lanes, count = whole.shape[:2]
+    rows = whole.reshape(lanes, count, -1)[:, stock.mask]
+    kinds = max(len(np.unique(some, axis=0)) for some in rows)
+    items = first_stage(SHAPES, count) or count
+    empty = ((0, 0), (0, items - count))
+    mask = np.pad(np.broadcast_to(stock.mask, (lanes, count)), empty)
+    turned = jnp.asarray(np.pad(whole, (*empty, (0, 0), (0, 0)), constant_values=1))
+    instance = Instance(turned[:, :, 0], jnp.asarray(mask), jnp.asarray(cells, jnp.int32), turned)
     return instance, min(first_stage(SHAPES, kinds) or kinds, items)

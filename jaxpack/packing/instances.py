@@ -1,6 +1,7 @@
 """Random instances: the paper's uniform sizes, reproducible one by one."""
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,13 @@ from jax.typing import ArrayLike
 from jaxpack.errors import UserError
 from jaxpack.packing.problem import Instance, Problem
 
+TURNS: dict[str, tuple[tuple[int, ...], ...]] = {
+    "fixed": ((0, 1, 2),),
+    "upright": ((0, 1, 2), (1, 0, 2)),
+    "all": tuple(permutations(range(3))),
+}
+"""Name -> the orientations that are allowed: which side lies along x, y and z of the bin."""
+
 
 @dataclass(frozen=True)
 class Distribution:
@@ -18,8 +26,11 @@ class Distribution:
     items: int
     low: int
     high: int
+    turns: str = "fixed"  # how items may be turned, a name in TURNS
 
     def __post_init__(self) -> None:
+        if self.turns not in TURNS:
+            raise UserError(f"turns '{self.turns}': choose {' or '.join(TURNS)}")
         if self.items < 1:
             raise UserError(f"items {self.items}: an instance needs at least 1 item")
         if self.low < 1:
@@ -89,6 +100,12 @@ def sample_at(problem: Problem, distribution: Distribution, key: Array, indices:
     def one(index: Array) -> Instance:
         key_i = jax.random.fold_in(key, index)
         d = distribution
-        return uniform_instance(problem, key_i, d.items, d.items, d.low, d.high, problem.bin)
+        drawn = uniform_instance(problem, key_i, d.items, d.items, d.low, d.high, problem.bin)
+        if d.turns == "fixed":
+            return drawn
+        # A flat axis stays flat.
+        flat = [axis for axis in range(3) if axis not in problem.axes]
+        ways = [way for way in TURNS[d.turns] if all(way[axis] == axis for axis in flat)]
+        return drawn._replace(turned=drawn.size[:, jnp.asarray(ways)])
 
     return jax.vmap(one)(indices)

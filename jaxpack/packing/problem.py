@@ -98,6 +98,21 @@ class Instance(NamedTuple):
     size: Array  # int32[N, 3], cells: (length, width, height) of each item
     mask: Array  # bool[N], False for padding, which is never placed and never counted
     bin: Array  # int32[3], cells: the bin, no larger than Problem.bin in any side
+    # int32[N, O, 3], cells: the item in every orientation that it may have; equal ones count as
+    # one. Who packs it chooses, see `in_orientation`. None: it stays as `size` has it.
+    turned: Array | None = None
+
+
+def in_orientation(instance: Instance, orientation: Array) -> Instance:
+    """The instance with every item turned as chosen, and no choice left.
+
+    Args:
+        orientation: int32 [N], index along O of `Instance.turned`; ignored where it is None.
+    """
+    if instance.turned is None:
+        return instance
+    chosen = jnp.take_along_axis(instance.turned, orientation[:, None, None], 1)[:, 0]
+    return instance._replace(size=chosen, turned=None)
 
 
 class Packing(NamedTuple):
