@@ -1,0 +1,1 @@
+"""Speed, every figure beside something else that was measured in the same run."""

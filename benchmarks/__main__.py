@@ -1,0 +1,26 @@
+"""python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
+
+Sections: placement. All if none is named.
+"""
+
+import sys
+from importlib import import_module
+
+import jax
+
+from benchmarks.timing import cores
+
+SECTIONS = ("placement",)
+
+
+def main() -> None:
+    jax.config.update("jax_num_cpu_devices", cores())
+    chosen = sys.argv[1:] or SECTIONS
+    for name in chosen:
+        if name not in SECTIONS:
+            raise SystemExit(f"unknown section '{name}': choose from {', '.join(SECTIONS)}")
+        import_module(f"benchmarks.{name}").main()
+
+
+if __name__ == "__main__":
+    main()
