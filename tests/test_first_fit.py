@@ -1,5 +1,7 @@
 """`pack` against the plain-Python packer, cell by cell, and how it composes with JAX."""
 
+from operator import itemgetter
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,7 @@ import oracle
 import pytest
 from cases import packer, random_cases
 
-from jaxpack.packing.first_fit import pack
+from jaxpack.packing.first_fit import LANES, pack
 from jaxpack.packing.height_map import empty_map, rest
 from jaxpack.packing.metrics import paper_cost
 from jaxpack.packing.problem import Instance, Problem, make_instance
@@ -168,6 +170,16 @@ def test_vmap_and_jit_agree_with_one_by_one():
     assert_same(over_instances(instances, orders[2, 0]), same)
     nested = jax.jit(jax.vmap(jax.vmap(go, (None, 0)), (0, 1)))
     assert_same(nested(instances, orders.swapaxes(0, 1)), table)
+
+
+def test_a_batch_of_several_pieces_is_the_same_as_its_parts():
+    # Two pieces and one member of padding; each part is packed in one piece.
+    count = LANES + 1
+    instances, orders = random_cases(SMALL_3D, seed=9, count=count, items=6)
+    whole = packer(SMALL_3D)(instances, orders)
+    for part in (slice(0, LANES), slice(count - LANES, count)):
+        few, found = jax.tree.map(itemgetter(part), (instances, whole))
+        assert_same(found, packer(SMALL_3D)(few, orders[part]))
 
 
 def test_pack_composes_with_grad():

@@ -3,10 +3,13 @@
 First fit: an item goes into the first bin that has an allowed position for it. Box by box this
 needs one height map at a time: bin 0 reads the whole order and takes what fits when its turn
 comes, what it leaves goes to bin 1 in the same order, and so on. The placements are the same.
+
+A turn offers one item to one bin, in every batch member its own: none waits for another's bins.
 """
 
 from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +17,24 @@ import numpy as np
 from jax import Array
 from jax.custom_batching import custom_vmap
 
-from jaxpack.packing.height_map import cell_dtype, drop, empty_map, lowest, rest
+from jaxpack.packing.height_map import Triple, cell_dtype, drop, empty_map, lowest, rest
 from jaxpack.packing.problem import Instance, Packing, Problem
+
+LANES = 256
+"""Instances that a CPU packs at once: more, and what they hold leaves the cache."""
+
+
+class _Turn(NamedTuple):
+    """Between two turns. Ranks are places in the packing order, from 0; N is none."""
+
+    heights: Array  # cell_dtype [L + window - 1, W + window - 1, B], of the bin that is filled
+    slot: Array  # integer [B], which bin that is
+    began: Array  # bool [B], whether something lies in it
+    rank: Array  # integer [B], of the item that is offered next
+    item: tuple[Triple, Array]  # cell_dtype [B]: its sides, and the cells that must carry it
+    bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
+    place: Array  # cell_dtype [N, B] by item, y * L + x of the corner
+    z: Array  # cell_dtype [N, B] by item
 
 
 def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
@@ -30,103 +49,179 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         instance: one instance of N items.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
     """
-    one = jax.tree.map(lambda leaf: leaf[..., None], (instance, order.astype(jnp.int32)))
+    one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
     packing = _batched(problem)(*one)
-    return jax.tree.map(lambda leaf: leaf[..., 0], packing)
+    return jax.tree.map(lambda leaf: leaf[0], packing)
 
 
 @cache
 def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
-    """Batch-last packer [..., B] in which a vmap becomes a larger B instead of a new axis."""
+    """A packer of batches (leaves [B, ...]) in which a vmap becomes a larger B, not a new axis."""
 
     @custom_vmap
     def packer(instance: Instance, order: Array) -> Packing:
-        return _first_fit(problem, instance, order)
+        return _in_pieces(problem, instance, order)
 
     @packer.def_vmap
     def _(size: int, batched: tuple, instance: Instance, order: Array):  # type: ignore[no-untyped-def]
         def merge(leaf: Array, has_axis: bool) -> Array:
             leaf = leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
-            return jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], -1)
-
-        def split(leaf: Array) -> Array:
-            return jnp.moveaxis(leaf.reshape(*leaf.shape[:-1], size, -1), -2, 0)
+            return leaf.reshape(-1, *leaf.shape[2:])
 
         packing = packer(*jax.tree.map(merge, (instance, order), tuple(batched)))
-        return jax.tree.map(split, packing), jax.tree.map(lambda _: True, packing)
+        split = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), packing)
+        return split, jax.tree.map(lambda _: True, packing)
 
     # Compiled once per problem and shape, also where the caller does not jit.
     return jax.jit(packer)
 
 
+def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
+    """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
+    batch = order.shape[0]
+    count = -(-batch // LANES) if jax.default_backend() == "cpu" else 1
+    if count <= 1:
+        return _first_fit(problem, instance, order)
+    lanes = -(-batch // count)
+
+    def cut(leaf: Array) -> Array:
+        # The zeros after the last member are instances of padding only.
+        padded = jnp.pad(leaf, [(0, count * lanes - batch)] + [(0, 0)] * (leaf.ndim - 1))
+        return padded.reshape(count, lanes, *leaf.shape[1:])
+
+    pieces = jax.tree.map(cut, (instance, order))
+    packings = jax.lax.map(lambda piece: _first_fit(problem, *piece), pieces)
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:batch], packings)
+
+
 def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
-    """`pack` over a trailing batch: size [N, 3, B], mask [N, B], bin [3, B], order [N, B]."""
+    """One piece. Inside, batches are last: see `height_map`."""
     dtype = cell_dtype(problem)
-    wall = np.iinfo(dtype).max
-    items, batch = order.shape
-    # From here to the end everything is in packing order: row t is the t-th item to be packed.
-    size = jnp.take_along_axis(instance.size, order[:, None], 0)
     # Items larger than the bin or the kernel's window never fit, and their sides may not survive
     # the narrow type below.
-    limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]])[:, None])
-    waiting = jnp.take_along_axis(instance.mask, order, 0) & (size <= limit).all(1)
-    needed = problem.cells_needed(size[:, 0] * size[:, 1]).astype(dtype)
-    volume = size.prod(1)
-    sides = tuple(size[:, axis].astype(dtype) for axis in range(3))
-    ceiling = instance.bin[2].astype(dtype)
-    empty = empty_map(problem, instance.bin)
+    limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]]))
+    able = (instance.mask & (instance.size <= limit[:, None]).all(-1)).T
+    sizes = instance.size.transpose(2, 1, 0)
+    needed = problem.cells_needed(sizes[0] * sizes[1]).astype(dtype)
+    length, width, height = sizes.astype(dtype)
+    sides = length, width, height
+    packed = _take_turns(problem, instance.bin.T, (sides, needed), able, order.T)
+    y, x = jnp.divmod(packed.place, problem.bin[0])
+    corner = x, y, packed.z
+    stats = _stats_by_bin(problem, packed.bin, corner, sides)
+    position = jnp.stack([place.T.astype(jnp.int32) for place in corner], -1)
+    bin = jnp.maximum(packed.bin, -1).astype(jnp.int32)
+    return Packing(bin.T, position, *stats.transpose(1, 2, 0))
 
-    def offer(heights: Array, item: tuple) -> tuple[Array, tuple]:
-        sides, needed, waiting = item
-        corner, fits = lowest(problem, rest(problem, heights, sides, needed, ceiling))
-        fits &= waiting
-        return drop(problem, heights, sides, corner, fits), (corner, fits)
 
-    def fill_bin(carry: tuple) -> tuple:
-        slot, waiting, _, bins, corners, stats = carry
-        heights, (corner, fits) = jax.lax.scan(offer, empty, (sides, needed, waiting))
-        heights = jnp.where(heights == wall, 0, heights)
-        row = jnp.stack(
-            [
-                jnp.where(fits, volume, 0).sum(0),
-                heights.max((0, 1)).astype(jnp.int32),
-                heights.sum((0, 1), dtype=jnp.int32),
-            ]
+def _take_turns(
+    problem: Problem, bins: Array, items: tuple[Triple, Array], able: Array, order: Array
+) -> _Turn:
+    """Offers items to bins until none is left to offer.
+
+    Args:
+        bins: int32 [3, B].
+        items: cell_dtype [N, B]: sides, and the cells that must carry each.
+        able: bool [N, B], False for what is never packed.
+        order: int32 [N, B].
+    """
+    N, batch = able.shape
+    dtype = cell_dtype(problem)
+    lane = jnp.arange(batch)
+    ceiling = bins[2].astype(dtype)
+    empty = empty_map(problem, bins)
+    slots = _narrowest(("int8", "int16", "int32"), N)
+    # Up to twice N: what comes before the current item is offered to the next bin.
+    ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
+    rank_of = jax.lax.broadcasted_iota(ranks, (N, batch), 0)
+    rank_of = jnp.zeros_like(rank_of).at[order, lane].set(rank_of, unique_indices=True)
+    (length, width, height), needed = items
+    ranked = jnp.stack([length, width, height, needed], -1)
+    if dtype.itemsize == 1:  # as one word: XLA gathers one element after the other
+        ranked = jax.lax.bitcast_convert_type(ranked, jnp.int32)
+    ranked = ranked.at[order, lane].get(mode="promise_in_bounds")
+
+    def fetched(rank: Array) -> tuple[Triple, Array]:
+        row = jnp.minimum(rank, N - 1).astype(jnp.int32)
+        item = ranked.at[row, lane].get(mode="promise_in_bounds")
+        if dtype.itemsize == 1:
+            item = jax.lax.bitcast_convert_type(item, dtype)
+        length, width, height, needed = jnp.unstack(item, axis=-1)
+        return (length, width, height), needed
+
+    def turn(now: _Turn) -> _Turn:
+        size, needed = now.item
+        corner, fits = lowest(problem, rest(problem, now.heights, size, needed, ceiling))
+        fits &= now.rank < N
+        x, y, z = corner
+        here = (rank_of == now.rank) & fits
+        bin = jnp.where(here, now.slot, now.bin)
+        following = jnp.where(rank_of > now.rank, rank_of, rank_of + N)
+        following = jnp.where(bin == -1, following, 2 * N).min(0)
+        # A bin that took nothing is the end: what is left fits no bin.
+        began = now.began | fits
+        opens = (following >= N) & began
+        rank = jnp.where(opens, following - N, jnp.minimum(following, N))
+        heights = drop(problem, now.heights, size, corner, fits)
+        return _Turn(
+            heights=jnp.where(opens, empty, heights),
+            slot=now.slot + opens.astype(slots),
+            began=began & ~opens,
+            rank=rank,
+            # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
+            item=fetched(rank),
+            bin=bin,
+            place=jnp.where(here, y * problem.bin[0] + x, now.place),
+            z=jnp.where(here, z, now.z),
         )
-        return (
-            slot + 1,
-            waiting & ~fits,
-            fits.any(),
-            jnp.where(fits, slot, bins),
-            tuple(jnp.where(fits, new, old) for new, old in zip(corner, corners, strict=True)),
-            stats.at[slot].set(row),
+
+    rank = jnp.where(able, rank_of, N).min(0).astype(ranks)
+    nothing = jnp.zeros((N, batch), dtype)
+    start = _Turn(
+        heights=empty,
+        slot=jnp.zeros(batch, slots),
+        began=jnp.zeros(batch, bool),
+        rank=rank,
+        item=fetched(rank),
+        bin=jnp.where(able, -1, -2).astype(slots),
+        place=nothing,
+        z=nothing,
+    )
+    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turn, start)
+
+
+def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
+    """Volume, highest point and sum of the height map of every bin slot: int32 [N, 3, B].
+
+    Apart from the loop that packs, so that who wants placements only does not pay for it.
+
+    Args:
+        bin, corner, sides: integers [N, B] by item.
+    """
+    L, W, _ = problem.bin
+    x_cells, y_cells = (jnp.arange(cells, dtype=sides[0].dtype)[:, None, None] for cells in (L, W))
+    over_x = (corner[0] <= x_cells) & (x_cells < corner[0] + sides[0])  # [L, N, B]
+    over_y = (corner[1] <= y_cells) & (y_cells < corner[1] + sides[1])  # [W, N, B]
+    top = corner[2] + sides[2]
+    length, width, height = (side.astype(jnp.int32) for side in sides)
+
+    def stats_of(slot: Array, stats: Array) -> Array:
+        inside = bin == slot
+        columns = jnp.where(inside & over_x, top, 0)
+        heights = jnp.where(over_y, columns[:, None], 0).max(2)
+        found = (
+            jnp.where(inside, length * width * height, 0).sum(0),
+            heights.max((0, 1)).astype(jnp.int32),
+            heights.sum((0, 1), dtype=jnp.int32),
         )
+        return stats.at[slot].set(jnp.stack(found))
 
-    def more(carry: tuple) -> Array:
-        _, waiting, progress, *_ = carry
-        return waiting.any() & progress
+    N, batch = bin.shape
+    nothing = jnp.zeros((N, 3, batch), jnp.int32)
+    # A scatter takes one number after the other; a slot at a time takes all lanes.
+    return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
 
-    _, _, _, bins, corners, stats = jax.lax.while_loop(
-        more,
-        fill_bin,
-        (
-            jnp.int32(0),
-            waiting,
-            jnp.bool(True),
-            jnp.full((items, batch), -1, jnp.int32),
-            (jnp.zeros((items, batch), dtype),) * 3,
-            jnp.zeros((items, 3, batch), jnp.int32),
-        ),
-    )
-    member = jnp.arange(batch)
 
-    def by_item(ranked: Array) -> Array:
-        return jnp.zeros((items, batch), jnp.int32).at[order, member].set(ranked.astype(jnp.int32))
-
-    return Packing(
-        bin=by_item(bins),
-        position=jnp.stack([by_item(corner) for corner in corners], axis=1),
-        volume=stats[:, 0],
-        top=stats[:, 1],
-        shadow=stats[:, 2],
-    )
+def _narrowest(names: tuple[str, ...], largest: int) -> np.dtype:
+    """The first of these integer types that holds `largest`, its maximum kept free."""
+    return np.dtype(next(name for name in names if np.iinfo(name).max > largest))
