@@ -45,10 +45,6 @@ def compiled(row: dict) -> bool:
     return row["limited_by"] == "time" and int(row["packings"]) < FEWEST
 
 
-def above(row: dict) -> bool:
-    return int(row["bins"]) > int(row["best_known"])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("set", choices=("2bp", "mpv", "ivancic"))
@@ -58,15 +54,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--no-policy", dest="policy", action="store_false")
     parser.add_argument("--only", default="", help="instances whose name has this in it")
-    parser.add_argument("--again", action="store_true", help="those above the best known value")
     options = parser.parse_args()
     use_compilation_cache()
     without = "" if options.policy else "-no-policy"
     path = RESULTS / f"solve-{options.set}-support-{options.support:g}{without}.csv"
     # Where the time went into compiling, the instance is done again.
-    rows: list[dict] = [
-        row for row in read_rows(path) if not compiled(row) and not (options.again and above(row))
-    ]
+    rows: list[dict] = [row for row in read_rows(path) if not compiled(row)]
     done = {row["instance"] for row in rows}
     for about, job in instances(options.set, options.data):
         if job.name in done or options.only not in job.name:

@@ -54,6 +54,7 @@ def assert_equals_oracle(problem, support, instances, orders):
         ((1, 150, 8), (1, 40), (0, 1), False),
         ((2, 1, 126), None, (3, 4), True),  # the tallest bin with cells of int8
         ((100, 1, 8), (40, 1), (1, 2), True),  # int8, with walls at coordinates beyond 127
+        ((14, 13, 6), None, (1, 2), True),  # a large window along both axes
     ],
 )
 def test_pack_equals_the_oracle(bin, largest, support, inclusive):

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.packing.height_map import lowest
+from jaxpack.packing.height_map import higher, lowest
 from jaxpack.packing.problem import Problem
 
 
@@ -60,12 +60,12 @@ def rests(problem: Problem, heights: Array) -> Rests:
     for length in range(1, window_x + 1):
         if length > 1:
             beside = heights[length - 1 : length - 1 + L]
-            z_x, count_x = _higher(z_x, count_x, beside, jnp.ones_like(beside))
+            z_x, count_x = higher(z_x, count_x, beside, jnp.ones_like(beside))
         z, count = z_x[:, :W], count_x[:, :W]
         for width in range(1, window_y + 1):
             if width > 1:
                 rows = slice(width - 1, width - 1 + W)
-                z, count = _higher(z, count, z_x[:, rows], count_x[:, rows])
+                z, count = higher(z, count, z_x[:, rows], count_x[:, rows])
             found.append((z, count))
     z, count = (jnp.stack(column, 2) for column in zip(*found, strict=True))  # [L, W, F, *batch]
     area = jnp.asarray(footprints(problem).prod(-1), jnp.int32)
@@ -128,10 +128,3 @@ def surroundings(problem: Problem, heights: Array, bins: Array, at: Rests) -> Su
         gap_front=gap_front,
         gap_back=gap_back,
     )
-
-
-def _higher(z: Array, count: Array, other: Array, other_count: Array) -> tuple[Array, Array]:
-    """(maximum, cells that reach it) of two halves of a footprint."""
-    top = jnp.maximum(z, other)
-    reached = jnp.where(z == top, count, 0) + jnp.where(other == top, other_count, 0)
-    return top, reached

@@ -16,6 +16,9 @@ from jaxpack.packing.problem import Problem
 
 Triple = tuple[Array, Array, Array]
 
+LARGE_WINDOW = 12
+"""From this many cells on, a window is put together from blocks of 1, 2, 4, ... cells."""
+
 
 def cell_dtype(problem: Problem) -> np.dtype:
     """The narrowest signed type for heights, cell counts and positions, its maximum kept free."""
@@ -44,7 +47,8 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
 
     The share of the footprint at the resting height is counted in two passes, along x and then
     along y: a maximum together with the number of cells that reach it is associative, so the
-    cost is cells * (length + width) and not cells * length * width.
+    cost is cells * (length + width) and not cells * length * width. On large grids it is
+    cells * log(length * width), see `_highest_by_doubling`.
 
     Args:
         heights: cell_dtype [L + window - 1, W + window - 1, *batch].
@@ -58,10 +62,16 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
     """
     length, width, height = size
     (L, W, _), (window_x, window_y) = problem.bin, problem.window
-    under_x = [(d < length, heights[d : d + L]) for d in range(window_x)]
-    z_x, count_x = _highest(under_x, [jnp.ones_like(heights[:L])] * window_x)
-    under_y = [(d < width, z_x[:, d : d + W]) for d in range(window_y)]
-    z, count = _highest(under_y, [count_x[:, d : d + W] for d in range(window_y)])
+    if max(problem.window) < LARGE_WINDOW:
+        under_x = [(d < length, heights[d : d + L]) for d in range(window_x)]
+        z_x, count_x = _highest(under_x, [jnp.ones_like(heights[:L])] * window_x)
+        under_y = [(d < width, z_x[:, d : d + W]) for d in range(window_y)]
+        z, count = _highest(under_y, [count_x[:, d : d + W] for d in range(window_y)])
+    else:
+        rows = _highest_by_doubling(heights, jnp.ones_like(heights), length, window_x, axis=0)
+        z_x, count_x = (row[:L] for row in rows)
+        columns = _highest_by_doubling(z_x, count_x, width, window_y, axis=1)
+        z, count = (column[:, :W] for column in columns)
     # `ceiling - height` cannot overflow, `z + height` on a wall would.
     allowed = (z <= ceiling - height) & (count >= needed)
     return jnp.where(allowed, z, np.iinfo(heights.dtype).max)
@@ -93,6 +103,43 @@ def drop(problem: Problem, heights: Array, size: Triple, corner: Triple, fits: A
     column, row = _coordinates(problem, heights.ndim - 2)
     covered = (column >= x) & (column < x + length) & (row >= y) & (row < y + width)
     return jnp.where(covered & fits, z + height, heights)
+
+
+def higher(z: Array, count: Array, other: Array, other_count: Array) -> tuple[Array, Array]:
+    """(maximum, cells that reach it) of two parts of a footprint."""
+    top = jnp.maximum(z, other)
+    reached = jnp.where(z == top, count, 0) + jnp.where(other == top, other_count, 0)
+    return top, reached
+
+
+def _highest_by_doubling(
+    z: Array, count: Array, length: Array, window: int, axis: int
+) -> tuple[Array, Array]:
+    """(maximum, cells that reach it) over the next `length` cells along an axis, at every cell.
+
+    A block of 2 size cells is two of `size`; a length is the blocks of its binary digits, the
+    small ones last. Every shift is static, and a batch member takes those that it needs.
+
+    Args:
+        z, count: cell_dtype [X, Y, *batch]; the parts to put together.
+        length: cell_dtype [*batch], up to `window`.
+    """
+
+    def ahead(values: Array, size: int) -> Array:
+        # What comes in at the end lies outside the map: nobody asks for it.
+        return jnp.roll(values, -size, axis)
+
+    done, reached = jnp.full_like(z, -1), jnp.zeros_like(count)
+    size = 1
+    while size <= window:
+        longer = higher(z, count, ahead(done, size), ahead(reached, size))
+        takes = (length & size) > 0
+        done, reached = (
+            jnp.where(takes, new, old) for new, old in zip(longer, (done, reached), strict=True)
+        )
+        z, count = higher(z, count, ahead(z, size), ahead(count, size))
+        size *= 2
+    return done, reached
 
 
 def _coordinates(problem: Problem, batch_axes: int) -> tuple[Array, Array]:
