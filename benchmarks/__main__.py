@@ -1,6 +1,6 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
-Sections: placement. All if none is named.
+Sections: placement, training, genetic, sweeps, growth. All if none is named.
 """
 
 import sys
@@ -10,7 +10,7 @@ import jax
 
 from benchmarks.timing import cores
 
-SECTIONS = ("placement",)
+SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 
 
 def main() -> None:

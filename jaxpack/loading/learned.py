@@ -10,6 +10,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import Policy
@@ -28,9 +29,13 @@ draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose)
 
 
 def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
-    """Sampled orders and orientations, for the sorts' sequences of bins: leaves [LANES, ...]."""
+    """Sampled orders, for the sorts' sequences of bins: leaves [LANES, ...].
+
+    Half of the lanes keep the sorts' orientations, in the others the policy chooses them too.
+    """
     genes = first_genes(loading, np.random.default_rng(seed), LANES)
-    instances, kinds = _on_a_grid(loading, genes)
+    kept = jnp.arange(LANES)[:, None] < LANES // 2
+    instances, kinds = _on_a_grid(loading, genes, kept)
     most = CELLS[loading.job.dimension][-1]
     depth = 1 if loading.rules.flat else most
     problem = Problem(
@@ -44,11 +49,15 @@ def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
     )
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
-    return genes._replace(order=order[:, :items], turn=turn[:, :items])
+    return genes._replace(order=order[:, :items], turn=jnp.where(kept, genes.turn, turn[:, :items]))
 
 
-def _on_a_grid(loading: Loading, genes: Genes) -> tuple[Instance, int]:
-    """The items in cells of every lane's first bin; and how many kinds there are at most."""
+def _on_a_grid(loading: Loading, genes: Genes, kept: Array) -> tuple[Instance, int]:
+    """The items in cells of every lane's first bin; and how many kinds there are at most.
+
+    Args:
+        kept: bool [lanes, 1], where the orientations are those of the genes.
+    """
     stock = jax.tree.map(np.asarray, loading.stock)
     room = stock.bins[np.asarray(genes.pool)[:, 0]].astype(np.float64)  # [lanes, 3]
     share = stock.sizes / room[:, None, None]  # [lanes, N, O, 3]
@@ -60,7 +69,9 @@ def _on_a_grid(loading: Loading, genes: Genes) -> tuple[Instance, int]:
         cells[:, 1] = 1
     grid = cells[:, None, None]
     whole = np.where(share > 1, grid + 1, np.maximum(np.round(share * grid), 1)).astype(np.int32)
-    lanes, count = whole.shape[:2]
+    lanes, count, ways, _ = whole.shape
+    chosen = np.take_along_axis(whole, np.asarray(genes.turn)[..., None, None], 2)
+    whole = np.where(np.asarray(kept)[..., None, None], np.repeat(chosen, ways, 2), whole)
     rows = whole.reshape(lanes, count, -1)[:, stock.mask]
     kinds = max(len(np.unique(some, axis=0)) for some in rows)
     items = first_stage(SHAPES, count) or count
