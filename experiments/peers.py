@@ -42,7 +42,7 @@ from jaxpack.loading.solver import SolveOptions, solve_job
 from jaxpack.loading.stock import load_job
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import plan_violations
-from jaxpack.solution import range_policy
+from jaxpack.solution import drawing_policy
 
 DATA = "experiments/data"
 PATH = RESULTS / "peers.csv"
@@ -407,7 +407,7 @@ def warm_up(job: Job, support: float, seed: int) -> None:
     shapes = tuple(leaf.shape for leaf in jax.tree.leaves(loading.stock))
     if (shapes, loading.rules) not in compiled():
         compiled().add((shapes, loading.rules))
-        policy_genes(loading, range_policy(job), seed)
+        policy_genes(loading, drawing_policy(job), seed)
         # The first plan is waited for, whatever the limit.
         solve_job(job, SolveOptions(time_limit=0.01, seed=seed, support=support))
 

@@ -1,15 +1,15 @@
 """What solve_public.py found, as the tables of the README.
 
-python experiments/public_tables.py [--support 0.5]
+python experiments/public_tables.py
 """
 
-import argparse
 import csv
 from pathlib import Path
 
 from rows import RESULTS, read_rows
 
 DATA = Path(__file__).parent / "data"
+SUPPORTS = ("0.5", "0")
 Rows = list[dict[str, str]]
 
 
@@ -29,23 +29,28 @@ def by_class(found: Rows, columns: dict[str, tuple[Rows, str]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--support", type=float, default=0.5)
-    support = parser.parse_args().support
     flat, solid, ivancic = (
-        read_rows(RESULTS / f"solve-{name}-support-{support:g}.csv")
+        {
+            support: read_rows(RESULTS / f"solve-{name}-support-{support}.csv")
+            for support in SUPPORTS
+        }
         for name in ("2bp", "mpv", "ivancic")
     )
-    by_class(flat, {
-        "bins": (flat, "bins"),
-        "best known, free": (flat, "best_known"),
-        "lower bound": (flat, "lower_bound"),
+    half = flat["0.5"]
+    by_class(half, {
+        **{f"bins, support {support}": (rows, "bins") for support, rows in flat.items()},
+        "best known, free": (half, "best_known"),
+        "lower bound": (half, "lower_bound"),
     })  # fmt: skip
     known = csv.DictReader((DATA / "3bp_mpv_lower_bounds.csv").read_text().splitlines())
     bounds = [row | {"cls": row["class"]} for row in known]
-    by_class(solid, {"bins": (solid, "bins"), "L2": (bounds, "sum_mpv_l2")})
-    bins, bound = (sum(int(row[name]) for row in ivancic) for name in ("bins", "lower_bound"))
-    print(f"Ivancic: {bins} bins, bound {bound}, {len(ivancic)} instances")
+    by_class(solid["0.5"], {
+        **{f"bins, support {support}": (rows, "bins") for support, rows in solid.items()},
+        "L2": (bounds, "sum_mpv_l2"),
+    })  # fmt: skip
+    for support, rows in ivancic.items():
+        bins, bound = (sum(int(row[name]) for row in rows) for name in ("bins", "lower_bound"))
+        print(f"Ivancic, support {support}: {bins} bins, bound {bound}, {len(rows)} instances")
 
 
 if __name__ == "__main__":

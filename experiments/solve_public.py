@@ -16,7 +16,7 @@ from jaxpack.cli import use_compilation_cache
 from jaxpack.loading.classes import mpv
 from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, solve_job
-from jaxpack.solution import range_policy
+from jaxpack.solution import drawing_policy
 
 DATA = "experiments/data"
 FEWEST = 1000  # packings that a search with time to search tries
@@ -64,7 +64,7 @@ def main() -> None:
     for about, job in instances(options.set, options.data):
         if job.name in done or options.only not in job.name:
             continue
-        policy = range_policy(job) if options.policy else None
+        policy = drawing_policy(job) if options.policy else None
         settings = SolveOptions(options.seconds, options.seed, options.support)
         began = time.perf_counter()
         found = solve_job(job, settings, policy)

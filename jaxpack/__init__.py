@@ -14,6 +14,7 @@ from jaxpack.learning.bin_aware import (
     Kinds,
     candidates,
     order_of,
+    orientations_of,
     reset,
     step,
 )
@@ -30,6 +31,7 @@ from jaxpack.learning.pointer import (
 from jaxpack.learning.policies import greedy_orders, init_policy, sample_orders
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
+from jaxpack.learning.rollout import choose_orders, choose_turned
 from jaxpack.learning.trainer import (
     TrainState,
     init_state,
@@ -50,7 +52,7 @@ from jaxpack.packing.metrics import (
     pyramid,
     utilisation,
 )
-from jaxpack.packing.problem import Instance, Packing, Problem, make_instance
+from jaxpack.packing.problem import Instance, Packing, Problem, in_orientation, make_instance
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
 from jaxpack.solution import Solution, solve
 from jaxpack.solvers.bin_by_bin import bin_by_bin
@@ -102,6 +104,8 @@ __all__ = [
     "candidates",
     "check_packings",
     "check_plan",
+    "choose_orders",
+    "choose_turned",
     "compactness",
     "compare",
     "compile_search",
@@ -111,6 +115,7 @@ __all__ = [
     "greedy_order",
     "greedy_orders",
     "height_order",
+    "in_orientation",
     "init_pointer",
     "init_policy",
     "init_state",
@@ -120,6 +125,7 @@ __all__ = [
     "make_method",
     "make_train",
     "order_of",
+    "orientations_of",
     "pack",
     "paper_cost",
     "preset",

@@ -33,7 +33,7 @@ class EvaluateOptions:
     """Compare methods on fresh instances. Lists in --items, --bin, --sides span a grid."""
 
     preset: Positional[str] = "bin-aware-2d"
-    """bin-aware-2d or -3d, also with -range, paper-2d or paper-3d: the instances and the rules."""
+    """The instances and the rules: a preset of `python -m jaxpack.train`."""
     methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
     """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
     bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded."""

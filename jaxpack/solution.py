@@ -106,7 +106,7 @@ def solve(
     check_options(options, job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    best = solve_job(job, options, range_policy(job))
+    best = solve_job(job, options, drawing_policy(job))
     return solution(job, options, best, least_cost(job, best.bound))
 
 
@@ -141,9 +141,9 @@ def check_options(
             raise UserError(f"{called(name)} {getattr(options, name)}: {advice}")
 
 
-def range_policy(job: Job) -> Policy:
-    """The shipped policy for bins and items of many sizes, of the job's dimension."""
-    return load_policy(f"bin-aware-{job.dimension}d-range")
+def drawing_policy(job: Job) -> Policy:
+    """The shipped policy that draws orders and orientations for jobs of this dimension."""
+    return load_policy(f"bin-aware-{job.dimension}d-turned")
 
 
 def solution(job: Job, options: SolveOptions, found: Progress, least_cost: float) -> Solution:

@@ -30,8 +30,8 @@ from jaxpack.plan_tables import NAMED, counted, live_figures, plain_text, print_
 from jaxpack.solution import (
     Solution,
     check_options,
+    drawing_policy,
     least_cost,
-    range_policy,
     solution,
     solve,
 )
@@ -169,7 +169,7 @@ def search(
 
     def work() -> None:
         try:
-            for progress in improve(job, options, range_policy(job)):
+            for progress in improve(job, options, drawing_policy(job)):
                 events.put(progress)
             events.put(None)
         except BaseException as error:

@@ -16,7 +16,7 @@ from jaxpack.loading.solver import SolveOptions, improve, solve_job, with_cheape
 from jaxpack.loading.stock import load_job
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import check_plan
-from jaxpack.solution import range_policy
+from jaxpack.solution import drawing_policy
 
 QUICK = SolveOptions(time_limit=0.01)
 WAYS = tuple(ORIENTATIONS)
@@ -53,7 +53,7 @@ def test_a_plan_is_valid_and_complete_and_comes_in_time():
 def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
     job = Job(cartons(8, kinds=8, ways=ways), (PALLET,), dimension)
     loading, _ = load_job(job, units_of(job), 0.5, True, False)
-    policy = range_policy(job)
+    policy = drawing_policy(job)
     genes = policy_genes(loading, policy, seed=0)
     lanes, N = genes.order.shape
     np.testing.assert_array_equal(np.sort(genes.order, 1), np.tile(np.arange(N), (lanes, 1)))

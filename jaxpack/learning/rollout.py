@@ -66,10 +66,10 @@ def choose_orders(
         int32 [B, N].
     """
     fixed = instances._replace(turned=None)
-    return choose(problem, config, params, fixed, keys, kinds, temperature)[0]
+    return choose_turned(problem, config, params, fixed, keys, kinds, temperature)[0]
 
 
-def choose(
+def choose_turned(
     problem: Problem,
     config: BinAwareConfig,
     params: Params,
@@ -110,7 +110,7 @@ def trace_choices(
     keys: Array,
     kinds: int,
 ) -> tuple[Array, Array, list[Trace]]:
-    """What `choose` samples, and what was seen and chosen: a trace per stretch of equal K."""
+    """What `choose_turned` samples, and what was seen and chosen: a trace per stretch of rows."""
     return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
 
 
