@@ -17,6 +17,7 @@ from jax import Array
 from benchmarks.timing import RESULTS, report, seconds
 from jaxpack import BrkgaConfig, Distribution, Instance, Problem, brkga, pack, preset, sample
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
+from jaxpack.packing.height_map import LARGE_WINDOW
 
 SIDE_BY_SIDE = 16  # instances, where it is not the batch that grows
 
@@ -50,13 +51,13 @@ def packed_exactly(problem: Problem) -> Callable:
     return run
 
 
-def cell_by_cell(problem: Problem) -> Callable:
-    """`packed_on_grid` as on small grids, whatever the window."""
+def with_windows_from(large: int, problem: Problem) -> Callable:
+    """`packed_on_grid` with windows of blocks from so many cells on."""
 
     def run(instances: Instance) -> tuple[Array, Array]:
         from jaxpack.packing.first_fit import _first_fit  # not the one that is compiled already
 
-        with patch("jaxpack.packing.height_map.LARGE_WINDOW", 10**9):
+        with patch("jaxpack.packing.height_map.LARGE_WINDOW", large):
             order = jnp.broadcast_to(jnp.arange(instances.mask.shape[1]), instances.mask.shape)
             packing = _first_fit(problem, instances, order)
         return packing.bin, packing.position
@@ -94,8 +95,10 @@ def main() -> None:
             larger = problem.resized((side, side, side), side // 2)
             some = sample(larger, Distribution(50, max(1, side // 10), side // 2), key, 4)
             kernels = {"grid": packed_on_grid, "exact": packed_exactly}
-            if side <= 50:
-                kernels["grid, cell by cell"] = cell_by_cell
+            if side < 2 * LARGE_WINDOW:
+                kernels["grid, by doubling"] = partial(with_windows_from, 1)
+            else:
+                kernels["grid, cell by cell"] = partial(with_windows_from, 10**9)
             for series, run in kernels.items():
                 series = f"{dimension} {series}"
                 rows.append(rows_of("bin side", side, series, run(larger), (some,), 4))

@@ -54,7 +54,7 @@ def assert_equals_oracle(problem, support, instances, orders):
         ((1, 150, 8), (1, 40), (0, 1), False),
         ((2, 1, 126), None, (3, 4), True),  # the tallest bin with cells of int8
         ((100, 1, 8), (40, 1), (1, 2), True),  # int8, with walls at coordinates beyond 127
-        ((14, 13, 6), None, (1, 2), True),  # a large window along both axes
+        ((130, 1, 8), None, (1, 2), True),  # a large window, put together from blocks
     ],
 )
 def test_pack_equals_the_oracle(bin, largest, support, inclusive):
@@ -171,6 +171,22 @@ def test_vmap_and_jit_agree_with_one_by_one():
     assert_same(over_instances(instances, orders[2, 0]), same)
     nested = jax.jit(jax.vmap(jax.vmap(go, (None, 0)), (0, 1)))
     assert_same(nested(instances, orders.swapaxes(0, 1)), table)
+
+
+@pytest.mark.parametrize("bin", [(9, 7, 6), (21, 1, 30), (16, 18, 200)])
+def test_a_window_of_blocks_rests_where_one_cell_by_cell_does(bin, monkeypatch):
+    problem, rng = Problem(bin, support=0.4), np.random.default_rng(5)
+    room = jnp.asarray(rng.integers(np.array(bin) // 2 + 1, np.array(bin) + 1, (60, 3)).T)
+    empty = np.asarray(empty_map(problem, room))
+    wall = np.iinfo(empty.dtype).max
+    heights = np.where(empty == wall, wall, rng.integers(0, 3, empty.shape)).astype(empty.dtype)
+    size = [jnp.asarray(rng.integers(1, side + 1, 60).astype(empty.dtype)) for side in bin]
+    needed = problem.cells_needed(size[0].astype(jnp.int32) * size[1]).astype(empty.dtype)
+    args = (problem, jnp.asarray(heights), tuple(size), needed, room[2].astype(empty.dtype))
+    cell_by_cell = np.asarray(rest(*args))
+    monkeypatch.setattr("jaxpack.packing.height_map.LARGE_WINDOW", 1)
+    np.testing.assert_array_equal(rest(*args), cell_by_cell)
+    assert 0.02 < (cell_by_cell < wall).mean() < 0.98
 
 
 def test_a_batch_of_several_pieces_is_the_same_as_its_parts():

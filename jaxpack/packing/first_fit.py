@@ -17,11 +17,20 @@ import numpy as np
 from jax import Array
 from jax.custom_batching import custom_vmap
 
-from jaxpack.packing.height_map import Triple, cell_dtype, drop, empty_map, lowest, rest
+from jaxpack.packing.height_map import (
+    LARGE_WINDOW,
+    Triple,
+    cell_dtype,
+    drop,
+    empty_map,
+    lowest,
+    rest,
+)
 from jaxpack.packing.problem import Instance, Packing, Problem
 
-LANES = 256
-"""Instances that a CPU packs at once: more, and what they hold leaves the cache."""
+LANES, FEW_LANES = 256, 4
+"""Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
+window from `LARGE_WINDOW` on."""
 
 
 class _Turn(NamedTuple):
@@ -79,7 +88,8 @@ def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
 def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
     batch = order.shape[0]
-    count = -(-batch // LANES) if jax.default_backend() == "cpu" else 1
+    most = FEW_LANES if max(problem.window) >= LARGE_WINDOW else LANES
+    count = -(-batch // most) if jax.default_backend() == "cpu" else 1
     if count <= 1:
         return _first_fit(problem, instance, order)
     lanes = -(-batch // count)

@@ -8,6 +8,7 @@ Sizes and corners are three arrays and not one of [3, *batch]: where a scan slic
 stacked array, XLA fuses the slicing into the window and runs 60 times slower.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -16,7 +17,7 @@ from jaxpack.packing.problem import Problem
 
 Triple = tuple[Array, Array, Array]
 
-LARGE_WINDOW = 12
+LARGE_WINDOW = 100
 """From this many cells on, a window is put together from blocks of 1, 2, 4, ... cells."""
 
 
@@ -118,27 +119,32 @@ def _highest_by_doubling(
     """(maximum, cells that reach it) over the next `length` cells along an axis, at every cell.
 
     A block of 2 size cells is two of `size`; a length is the blocks of its binary digits, the
-    small ones last. Every shift is static, and a batch member takes those that it needs.
+    small ones last, and a batch member takes those that it needs. A loop, since XLA fuses what is
+    written out and then makes every block anew for each cell that uses it.
 
     Args:
         z, count: cell_dtype [X, Y, *batch]; the parts to put together.
         length: cell_dtype [*batch], up to `window`.
     """
+    digits, cells = window.bit_length(), z.shape[axis]
+    padding = [(0, 1 << (digits - 1) if at == axis else 0) for at in range(z.ndim)]
 
-    def ahead(values: Array, size: int) -> Array:
+    def ahead(values: Array, size: Array) -> Array:
         # What comes in at the end lies outside the map: nobody asks for it.
-        return jnp.roll(values, -size, axis)
+        return jax.lax.dynamic_slice_in_dim(jnp.pad(values, padding), size, cells, axis)
 
-    done, reached = jnp.full_like(z, -1), jnp.zeros_like(count)
-    size = 1
-    while size <= window:
+    def double(digit: Array, blocks: tuple[Array, ...]) -> tuple[Array, ...]:
+        done, reached, z, count = blocks
+        size = jnp.left_shift(jnp.int32(1), digit)
         longer = higher(z, count, ahead(done, size), ahead(reached, size))
-        takes = (length & size) > 0
+        takes = (length.astype(jnp.int32) & size) > 0
         done, reached = (
             jnp.where(takes, new, old) for new, old in zip(longer, (done, reached), strict=True)
         )
-        z, count = higher(z, count, ahead(z, size), ahead(count, size))
-        size *= 2
+        return done, reached, *higher(z, count, ahead(z, size), ahead(count, size))
+
+    nothing = jnp.full_like(z, -1), jnp.zeros_like(count)
+    done, reached, *_ = jax.lax.fori_loop(0, digits, double, (*nothing, z, count))
     return done, reached
 
 
