@@ -7,7 +7,7 @@ from jaxpack.methods import MethodOptions, make_method
 from jaxpack.packing.instances import Cell
 
 METHODS = ("height", "pointer", "bin-aware", "bin-aware-best-of-64", "brkga")
-INSTANCES = 400
+INSTANCES = 200
 
 
 def main() -> None:

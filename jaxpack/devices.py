@@ -3,6 +3,7 @@
 They may belong to several processes, on several machines: each runs the same program.
 """
 
+import contextlib
 import os
 import re
 from collections.abc import Callable
@@ -18,6 +19,19 @@ from jaxpack.errors import UserError
 
 DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
 PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
+
+
+def use_all_cores() -> None:
+    """Makes every core of a CPU a device, unless JAX was told otherwise. Before any array.
+
+    What XLA runs of a packing is loops, and of a loop it uses one core: two devices train nearly
+    twice as fast as one on two cores.
+    """
+    told = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
+    if told or "JAX_NUM_CPU_DEVICES" in os.environ or not hasattr(os, "sched_getaffinity"):
+        return
+    with contextlib.suppress(RuntimeError):  # too late: somebody has used an array
+        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
 
 def join_processes(

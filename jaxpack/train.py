@@ -19,7 +19,15 @@ from tyro.conf import Positional
 
 from jaxpack.cli import parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
-from jaxpack.devices import anywhere, data_mesh, is_first, join_processes, on_first, pick_devices
+from jaxpack.devices import (
+    anywhere,
+    data_mesh,
+    is_first,
+    join_processes,
+    on_first,
+    pick_devices,
+    use_all_cores,
+)
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
@@ -262,6 +270,7 @@ def _tensorboard(run: Path) -> Any:
 def main(argv: Sequence[str]) -> None:
     """Parses, trains, prints."""
     options = parse_options(TrainOptions, "train", argv)
+    use_all_cores()
     join_processes(options.coordinator, options.process_id, options.num_processes)
     run, config, mesh = start_or_resume(options)
     console = Console(quiet=not is_first())
