@@ -116,7 +116,7 @@ def test_keys_of_round_trip_at_other_lengths(items):
 PROBLEM = PAPER_2D
 COUNT, SLOTS = 24, 30
 INSTANCES = sample(PROBLEM, Distribution(SLOTS, 1, 5), jax.random.key(4), COUNT)
-INSTANCES = Instance(*(np.array(leaf) for leaf in INSTANCES))
+INSTANCES = jax.tree.map(np.array, INSTANCES)
 INSTANCES.mask[::2, :6] = False
 KEYS = jax.random.split(jax.random.key(5), COUNT)
 COSTS = {objective: jax.jit(jax.vmap(objective)) for objective in (bins_first_cost, paper_cost)}

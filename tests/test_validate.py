@@ -153,7 +153,7 @@ def test_the_instances_bin_counts_and_not_the_problems():
 
 def test_a_batch_names_the_instance():
     # 300 copies, more than are compared at a time, with one broken near the end.
-    size, mask, room = (np.stack([leaf] * 300) for leaf in INSTANCE)
+    size, mask, room = (np.stack([leaf] * 300) for leaf in INSTANCE[:3])
     orders = np.stack([ORDER] * 300)
     packings = Packing(*(np.stack([leaf] * 300) for leaf in packing_of(PLACES)))
     instances = Instance(size, mask, room)
