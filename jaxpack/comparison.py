@@ -22,7 +22,7 @@ from jax import Array
 from jaxpack.devices import by_batch, data_mesh, split_batch
 from jaxpack.errors import UserError
 from jaxpack.files.sweeps import Sweep, Tally, tally
-from jaxpack.learning.rollout import LANES, in_pieces
+from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
 from jaxpack.packing.instances import Cell, Distribution, uniform_instance
 from jaxpack.packing.metrics import (
@@ -32,6 +32,7 @@ from jaxpack.packing.metrics import (
     pyramid,
     utilisation,
 )
+from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
 from jaxpack.packing.validate import check_packings
 from jaxpack.solvers.search import compile_search, pack_orders, run_for

@@ -14,7 +14,8 @@ from jax import Array
 from jaxpack.learning.bin_aware import order_of, reset, step
 from jaxpack.learning.bin_network import BinAwareConfig, look, scores
 from jaxpack.learning.parameters import MASKED, Params
-from jaxpack.learning.rollout import LANES, in_pieces
+from jaxpack.learning.rollout import LANES
+from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Problem
 
 

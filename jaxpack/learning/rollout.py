@@ -1,9 +1,8 @@
 """Packing a batch with the bin-aware policy: greedily, by sampling, and with a memory of it."""
 
-from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,10 +19,9 @@ from jaxpack.learning.bin_aware import (
 )
 from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
 from jaxpack.learning.parameters import Params
+from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Problem
 
-T = TypeVar("T")
-U = TypeVar("U")
 Choice = tuple[Array, Array]  # label of the kind and orientation, int32 [B] each
 
 # Instances side by side. What the network holds of 64 stays in a core's cache, and since every
@@ -89,17 +87,6 @@ def choose_turned(
         return _play(problem, config, params, *piece, kinds, temperature, remember=False)[:2]
 
     return in_pieces(orders, (instances, keys), LANES)
-
-
-def in_pieces(function: Callable[[T], U], batch: T, size: int) -> U:
-    """A batched function (leaves [B, ...] -> [B, ...]) in pieces of `size`, one after the other.
-
-    The last piece is filled up with its last member.
-    """
-    count = len(jax.tree.leaves(batch)[0])
-    rows = jnp.minimum(jnp.arange(-(-count // size) * size), count - 1).reshape(-1, size)
-    done = jax.lax.map(lambda piece: function(jax.tree.map(lambda leaf: leaf[piece], batch)), rows)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:count], done)
 
 
 def trace_choices(

@@ -26,6 +26,7 @@ from jaxpack.packing.height_map import (
     lowest,
     rest,
 )
+from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
 
 LANES, FEW_LANES = 256, 4
@@ -92,16 +93,9 @@ def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     count = -(-batch // most) if jax.default_backend() == "cpu" else 1
     if count <= 1:
         return _first_fit(problem, instance, order)
-    lanes = -(-batch // count)
-
-    def cut(leaf: Array) -> Array:
-        # The zeros after the last member are instances of padding only.
-        padded = jnp.pad(leaf, [(0, count * lanes - batch)] + [(0, 0)] * (leaf.ndim - 1))
-        return padded.reshape(count, lanes, *leaf.shape[1:])
-
-    pieces = jax.tree.map(cut, (instance, order))
-    packings = jax.lax.map(lambda piece: _first_fit(problem, *piece), pieces)
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:])[:batch], packings)
+    return in_pieces(
+        lambda piece: _first_fit(problem, *piece), (instance, order), -(-batch // count)
+    )
 
 
 def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
