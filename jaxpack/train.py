@@ -270,8 +270,8 @@ def _tensorboard(run: Path) -> Any:
 def main(argv: Sequence[str]) -> None:
     """Parses, trains, prints."""
     options = parse_options(TrainOptions, "train", argv)
-    use_all_cores()
     join_processes(options.coordinator, options.process_id, options.num_processes)
+    use_all_cores()
     run, config, mesh = start_or_resume(options)
     console = Console(quiet=not is_first())
     with ExitStack() as stack:
