@@ -1,6 +1,5 @@
 """What the doors share: parsing with one-line errors, exit codes, the compilation cache."""
 
-import atexit
 import contextlib
 import gc
 import io
@@ -57,14 +56,12 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
         code = 2
     except KeyboardInterrupt:
         code = 130
-    if code and jax.distributed.is_initialized():
-        # The usual end waits minutes for the other processes, which may be waiting for this one.
-        sys.stdout.flush()
-        os._exit(code)
     if code:
-        # A checkpoint that was cut short leaves coroutines; collected at the end they complain.
-        atexit.register(setattr, sys, "unraisablehook", lambda _: None)
-        sys.exit(code)
+        # At once: at the usual end the coroutines of a checkpoint that was cut short complain, and
+        # one of several processes waits minutes for the others, which may be waiting for it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 def use_compilation_cache() -> None:

@@ -194,6 +194,7 @@ def home(run_door, trained, monkeypatch):
 def test_bad_input_is_one_line_and_exit_code_2(home, capsys, monkeypatch, command, message):
     door, *options = command.split()
     monkeypatch.setattr(sys, "argv", [door, *options])
+    monkeypatch.setattr(os, "_exit", sys.exit)
     monkeypatch.setattr(cli, "use_compilation_cache", lambda: None)
     before = sorted(home.iterdir())
     with pytest.raises(SystemExit) as stop:
