@@ -6,6 +6,8 @@ and 0.02 leave room for both samples and for little else: in 2D, next fit (5.61 
 place in any box (5.04) and "over" instead of "at least" 50 % (4.71) all land outside.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,7 +56,7 @@ def test_the_means_of_the_fixed_orders(name, rules, figures, floor):
     assert problem == rules
     instance_key, order_key = jax.random.split(jax.random.key(2024))
 
-    @jax.jit
+    @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 3})
     def sums(first):
         indices = first + jnp.arange(CHUNK)
         instances = sample_at(problem, distribution, instance_key, indices)
