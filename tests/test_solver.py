@@ -36,6 +36,17 @@ def cartons(seed, kinds=5, ways=("XYZ", "YXZ")):
 PALLET = BinType((800.0, 600.0, 700.0))
 
 
+def flat(type):
+    return replace(type, size=(type.size[0], 1.0, type.size[2]))
+
+
+def test_a_two_dimensional_job_has_no_widths():
+    Job((flat(cartons(1)[0]),), (flat(PALLET),), 2)
+    for items, bin in (((cartons(1)[0],), flat(PALLET)), ((flat(cartons(1)[0]),), PALLET)):
+        with pytest.raises(UserError, match="width"):
+            Job(items, (bin,), 2)
+
+
 def test_a_plan_is_valid_and_complete_and_comes_in_time():
     job = Job(cartons(1), (PALLET,))
     begun = time.perf_counter()
@@ -51,7 +62,10 @@ def test_a_plan_is_valid_and_complete_and_comes_in_time():
 @pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "ways"), [(2, ("XYZ",)), (3, ("XYZ", "YXZ"))])
 def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
-    job = Job(cartons(8, kinds=8, ways=ways), (PALLET,), dimension)
+    items, pallet = cartons(8, kinds=8, ways=ways), PALLET
+    if dimension == 2:
+        items, pallet = [flat(item) for item in items], flat(PALLET)
+    job = Job(tuple(items), (pallet,), dimension)
     loading, _ = load_job(job, units_of(job), 0.5, True, False)
     policy = drawing_policy(job)
     genes = policy_genes(loading, policy, seed=0)

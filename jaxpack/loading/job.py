@@ -62,7 +62,11 @@ class BinType:
 
 @dataclass(frozen=True)
 class Job:
-    """What has to be packed into what."""
+    """What has to be packed into what.
+
+    Raises:
+        UserError: without items or bins, or in 2D for one whose width is not 1.
+    """
 
     items: tuple[ItemType, ...]
     bins: tuple[BinType, ...]
@@ -73,6 +77,10 @@ class Job:
         if not self.items or not self.bins:
             what = "items" if not self.items else "bins"
             raise UserError(f"{self.name or 'the job'} has no {what}: give at least one")
+        if self.dimension == 2:
+            for type in (*self.items, *self.bins):
+                if type.size[1] != 1:
+                    raise UserError(f"size {type.size} in 2D: give width (the second) as 1")
 
     @cached_property
     def count(self) -> int:
