@@ -6,15 +6,14 @@ Sections: placement, training, genetic, sweeps, growth. All if none is named.
 import sys
 from importlib import import_module
 
-import jax
-
-from benchmarks.timing import cores
+from jaxpack.devices import compile_loops_whole, use_all_cores
 
 SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 
 
 def main() -> None:
-    jax.config.update("jax_num_cpu_devices", cores())
+    use_all_cores()
+    compile_loops_whole()
     chosen = sys.argv[1:] or SECTIONS
     for name in chosen:
         if name not in SECTIONS:

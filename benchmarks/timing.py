@@ -15,20 +15,25 @@ from rich.console import Console
 from rich.table import Table
 
 RESULTS = Path(__file__).parent / "results"
+BURST = 0.3
 
 
 def seconds(runs: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
     """Median wall time of each run. They take turns, so that other work on the machine hits all.
 
-    Each is called once before, for what is compiled or allocated on the first call.
+    Each is called once before, for what is compiled or allocated on the first call. A short one is
+    called for `BURST` seconds a turn: the first call after another's has its threads to wake and,
+    for some milliseconds, the other's idle threads beside it.
     """
     times: dict[str, list[float]] = {name: [] for name in runs}
     for turn in range(repeats + 1):
         for name, run in runs.items():
-            start = time.perf_counter()
-            jax.block_until_ready(run())
+            start, calls, took = time.perf_counter(), 0, 0.0
+            while took < BURST:
+                jax.block_until_ready(run())
+                calls, took = calls + 1, time.perf_counter() - start
             if turn:
-                times[name].append(time.perf_counter() - start)
+                times[name].append(took / calls)
     return {name: median(column) for name, column in times.items()}
 
 

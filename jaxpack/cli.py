@@ -14,6 +14,7 @@ from typing import TypeVar
 import jax
 import tyro
 
+from jaxpack.devices import compile_loops_whole
 from jaxpack.errors import UserError
 
 T = TypeVar("T")
@@ -49,6 +50,7 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     gc.freeze()
     try:
         use_compilation_cache()
+        compile_loops_whole()
         door(sys.argv[1:])
     except UserError as error:
         line = " ".join(str(error).split())

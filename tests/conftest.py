@@ -3,6 +3,8 @@
 import os
 import tempfile
 
+from jaxpack.devices import compile_loops_whole
+
 
 def pytest_configure(config):
     if not hasattr(config, "workerinput"):  # the workers inherit what their master set
@@ -14,6 +16,7 @@ def pytest_configure(config):
         flags = os.environ.get("XLA_FLAGS", "")
         if "optimization_level" not in flags:
             os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0"
+        compile_loops_whole()  # as the doors do
 
 
 def pytest_unconfigure(config):

@@ -78,9 +78,9 @@ class Job:
             what = "items" if not self.items else "bins"
             raise UserError(f"{self.name or 'the job'} has no {what}: give at least one")
         if self.dimension == 2:
-            for type in (*self.items, *self.bins):
-                if type.size[1] != 1:
-                    raise UserError(f"size {type.size} in 2D: give width (the second) as 1")
+            for size in [entry.size for entry in self.items] + [entry.size for entry in self.bins]:
+                if size[1] != 1:
+                    raise UserError(f"size {size} in 2D: give width (the second) as 1")
 
     @cached_property
     def count(self) -> int:

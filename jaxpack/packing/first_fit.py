@@ -29,7 +29,7 @@ from jaxpack.packing.height_map import (
 from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
 
-LANES, FEW_LANES = 256, 4
+LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
 window from `LARGE_WINDOW` on."""
 
@@ -161,7 +161,7 @@ def _take_turns(
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
         following = jnp.where(rank_of > now.rank, rank_of, rank_of + N)
-        following = jnp.where(bin == -1, following, 2 * N).min(0)
+        following = _least(jnp.where(bin == -1, following, ranks.type(2 * N)))
         # A bin that took nothing is the end: what is left fits no bin.
         began = now.began | fits
         opens = (following >= N) & began
@@ -191,7 +191,18 @@ def _take_turns(
         place=nothing,
         z=nothing,
     )
-    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turn, start)
+
+    def waiting(now: _Turn) -> Array:
+        return (now.rank < N).any()
+
+    def take(now: _Turn) -> _Turn:
+        return jax.lax.while_loop(waiting, turn, now)
+
+    if max(problem.window) >= LARGE_WINDOW:
+        return take(start)
+    # Of a branch's loops XLA makes no parts for its threads: parts this small are done sooner than
+    # handed out.
+    return jax.lax.cond(waiting(start), take, lambda now: now, start)
 
 
 def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
@@ -224,6 +235,14 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
     nothing = jnp.zeros((N, 3, batch), jnp.int32)
     # A scatter takes one number after the other; a slot at a time takes all lanes.
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
+
+
+def _least(rows: Array) -> Array:
+    """Minimum over the first axis. `min` XLA leaves to a library, and then cannot make one program
+    of the loop around it.
+    """
+    largest = np.array(np.iinfo(rows.dtype).max, rows.dtype)
+    return jax.lax.reduce(rows, largest, lambda a, b: jnp.where(a < b, a, b), (0,))
 
 
 def _narrowest(names: tuple[str, ...], largest: int) -> np.dtype:
