@@ -20,7 +20,7 @@ from rows import RESULTS, read_rows, rounded, write_rows
 from tyro.conf import Positional
 
 from jaxpack import Cell, Comparison, bins_used, compactness, pack, preset, pyramid
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.trainer import init_state, train_chunk
@@ -83,7 +83,7 @@ def greedy_figures(recipe, params) -> dict[str, float]:
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     options = tyro.cli(Options)
     base = preset(f"bin-aware-{options.dimension}")
     path = RESULTS / f"ablations-{options.dimension}.csv"

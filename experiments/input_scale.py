@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from rich.console import Console
 
 from jaxpack import Cell, Comparison, MethodOptions, Policy, Row, compare, make_method, preset
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.files.atomic import replace_file
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.trainer import init_state, train_updates
@@ -41,7 +41,7 @@ def row_of(recipe, name: str, params=None) -> Row:
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     RESULTS.mkdir(exist_ok=True)
     base = preset("paper-2d")
     rows = [("", "", row_of(base, "height"))]

@@ -33,7 +33,7 @@ from rows import RESULTS, read_rows, write_rows
 
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.loading.exact import common_scale, exact
 from jaxpack.loading.figures import lower_bound
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
@@ -622,7 +622,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="instances whose name has this in it")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     options = parser.parse_args()
-    use_compilation_cache()
+    prepare_jax()
     methods, rows = installed(options.methods), read_rows(PATH)
     for name, method, job in missing_rows(methods, rows, options.data, options.only):
         found = row_of(METHODS[method], job, options.seconds, options.seed)

@@ -8,7 +8,7 @@ from pathlib import Path
 import jax
 
 from jaxpack import Cell, Comparison, MethodOptions, make_method, pack, preset
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.files.pictures import draw_packings
 
@@ -17,7 +17,7 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     RESULTS.mkdir(exist_ok=True)
     for dimension in ("2d", "3d"):
         recipe = preset(f"paper-{dimension}")

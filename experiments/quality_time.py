@@ -15,7 +15,7 @@ import matplotlib
 from rows import RESULTS, read_rows, rounded, write_rows
 
 from jaxpack import Cell, Comparison, MethodOptions, compare, make_method, preset
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.solvers.brkga import BrkgaConfig
 
 matplotlib.use("Agg")
@@ -85,7 +85,7 @@ def draw(dimension: str, rows: list[dict]) -> None:
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     dimension, *chosen = sys.argv[1:]
     path = RESULTS / f"quality-time-{dimension}.csv"
     rows: dict[tuple[float, str], dict] = {}

@@ -12,7 +12,7 @@ import time
 from public_instances import read_2bp, read_ivancic
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.loading.classes import mpv
 from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, solve_job
@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("--no-policy", dest="policy", action="store_false")
     parser.add_argument("--only", default="", help="instances whose name has this in it")
     options = parser.parse_args()
-    use_compilation_cache()
+    prepare_jax()
     without = "" if options.policy else "-no-policy"
     path = RESULTS / f"solve-{options.set}-support-{options.support:g}{without}.csv"
     # Where the time went into compiling, the instance is done again.

@@ -12,7 +12,7 @@ from rich.console import Console
 from rows import RESULTS, read_rows, write_rows
 
 from jaxpack import Cell, Comparison, MethodOptions, Row, compare, make_method, preset
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 from jaxpack.tables import paper_row, print_table
 
 METHODS = ("random", "volume", "footprint", "height", "best-of-1000", "brkga", "pointer")
@@ -61,7 +61,7 @@ def write_csv(path: Path, rows: list[Row]) -> None:
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     RESULTS.mkdir(exist_ok=True)
     dimension, *names = sys.argv[1:]
     print_table(Console(), rows_of(dimension, tuple(names) or METHODS))

@@ -20,7 +20,7 @@ from jaxpack import (
     make_method,
     preset,
 )
-from jaxpack.cli import use_compilation_cache
+from jaxpack.cli import prepare_jax
 
 ITEMS = (20, 40, 80, 200)
 FIXED = ("volume", "footprint", "height")
@@ -60,7 +60,7 @@ def row_of(dimension: str, items: int, bin: int, sides: tuple[int, int], instanc
 
 
 def main() -> None:
-    use_compilation_cache()
+    prepare_jax()
     dimension, *rest = sys.argv[1:]
     instances = int(rest[0]) if rest else 128
     rows = []

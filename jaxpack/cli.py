@@ -49,8 +49,7 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     # What the imports made stays: collections while a program is traced then skip it.
     gc.freeze()
     try:
-        use_compilation_cache()
-        compile_loops_whole()
+        prepare_jax()
         door(sys.argv[1:])
     except UserError as error:
         line = " ".join(str(error).split())
@@ -66,8 +65,13 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
         os._exit(code)
 
 
-def use_compilation_cache() -> None:
-    """Keeps compiled programs between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache."""
+def prepare_jax() -> None:
+    """What every command does before its first array.
+
+    Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a small
+    loop is one program.
+    """
+    compile_loops_whole()
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         jax.config.update("jax_compilation_cache_dir", str(root / "jaxpack"))

@@ -195,7 +195,7 @@ def test_bad_input_is_one_line_and_exit_code_2(home, capsys, monkeypatch, comman
     door, *options = command.split()
     monkeypatch.setattr(sys, "argv", [door, *options])
     monkeypatch.setattr(os, "_exit", sys.exit)
-    monkeypatch.setattr(cli, "use_compilation_cache", lambda: None)
+    monkeypatch.setattr(cli, "prepare_jax", lambda: None)
     before = sorted(home.iterdir())
     with pytest.raises(SystemExit) as stop:
         cli.run_door({"train": train.main, "evaluate": evaluate.main}[door])

@@ -56,7 +56,7 @@ def quick(monkeypatch):
 def home(tmp_path, monkeypatch):
     """An empty folder to run in."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cli, "use_compilation_cache", lambda: None)
+    monkeypatch.setattr(cli, "prepare_jax", lambda: None)
     return tmp_path
 
 
