@@ -229,3 +229,10 @@ def stack(trees):
 
 def assert_same(found, expected):
     jax.tree.map(np.testing.assert_array_equal, found, expected)
+
+
+def test_on_a_cpu_the_flat_loop_is_one_program():
+    """The doors ask for it; XLA says so where it complied. Packing takes twice as long without."""
+    flat = Problem(bin=(10, 1, 10), largest=(5, 1))
+    program = packer(flat).lower(*random_cases(flat, seed=0, count=LANES, items=40)).compile()
+    assert jax.default_backend() != "cpu" or "xla_cpu_small_call" in program.as_text()
