@@ -31,7 +31,7 @@ from jaxpack.learning.pointer import (
 from jaxpack.learning.policies import greedy_orders, init_policy, sample_orders
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
-from jaxpack.learning.rollout import choose_orders, choose_turned
+from jaxpack.learning.rollout import choose_orders
 from jaxpack.learning.trainer import (
     TrainState,
     init_state,
@@ -105,7 +105,6 @@ __all__ = [
     "check_packings",
     "check_plan",
     "choose_orders",
-    "choose_turned",
     "compactness",
     "compare",
     "compile_search",

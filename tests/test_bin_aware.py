@@ -23,7 +23,7 @@ from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.gradients import policy_gradient
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
-from jaxpack.learning.rollout import choose_turned
+from jaxpack.learning.rollout import choose_orders
 from jaxpack.packing.candidates import footprints, rests, surroundings
 from jaxpack.packing.height_map import empty_map, lowest, rest
 from jaxpack.packing.instances import sample
@@ -216,7 +216,7 @@ def test_the_policy_turns_items_as_it_saw_them():
     keys = jax.random.split(jax.random.key(5), 64)
     fixed = jax.tree.map(jnp.asarray, instances)
     turned = may_turn(problem, fixed)
-    orders, ways = jax.jit(partial(choose_turned, problem, NETWORK))(params, turned, keys)
+    orders, ways = jax.jit(partial(choose_orders, problem, NETWORK))(params, turned, keys)
     assert (np.sort(orders, 1) == np.arange(items)).all()
     assert not np.asarray(ways)[:, ::2].any()
     assert 0.2 < (np.asarray(ways)[:, 1::2] > 0).mean() < 0.9

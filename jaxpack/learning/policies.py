@@ -1,6 +1,7 @@
 """The two policies behind one set of functions: a network config names which one is meant.
 
-All functions take a batch of instances, leaves [B, ...], and return orders int32 [B, N].
+All functions take a batch of instances, leaves [B, ...], and return orders int32 [B, N]; items stay
+as `Instance.size` has them.
 """
 
 import jax
@@ -32,7 +33,8 @@ def greedy_orders(
     """The most probable choice at every step. `kinds`: see `choose_orders`."""
     if isinstance(network, PointerConfig):
         return jax.vmap(lambda one: greedy_order(problem, network, params, one))(instances)
-    return choose_orders(problem, network, params, instances, kinds=kinds)
+    fixed = instances._replace(turned=None)
+    return choose_orders(problem, network, params, fixed, kinds=kinds)[0]
 
 
 def sample_orders(
@@ -51,4 +53,5 @@ def sample_orders(
     if isinstance(network, PointerConfig):
         draw = jax.vmap(lambda one, key: sample_order(problem, network, params, one, key).order)
         return draw(instances, keys)
-    return choose_orders(problem, network, params, instances, keys, kinds, temperature)
+    fixed = instances._replace(turned=None)
+    return choose_orders(problem, network, params, fixed, keys, kinds, temperature)[0]

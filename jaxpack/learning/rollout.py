@@ -49,34 +49,16 @@ def choose_orders(
     keys: Array | None = None,
     kinds: int | None = None,
     temperature: float = 1.0,
-) -> Array:
+) -> tuple[Array, Array]:
     """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
 
-    Items stay as `Instance.size` has them.
+    Items are turned too, where `Instance.turned` leaves a choice.
 
     Args:
         instances: leaves [B, ...].
         kinds: at least the number of distinct sizes in an instance; N if not given. Fewer are
             faster.
         temperature: samples are drawn from probabilities to the power of 1 / temperature.
-
-    Returns:
-        int32 [B, N].
-    """
-    fixed = instances._replace(turned=None)
-    return choose_turned(problem, config, params, fixed, keys, kinds, temperature)[0]
-
-
-def choose_turned(
-    problem: Problem,
-    config: BinAwareConfig,
-    params: Params,
-    instances: Instance,
-    keys: Array | None = None,
-    kinds: int | None = None,
-    temperature: float = 1.0,
-) -> tuple[Array, Array]:
-    """`choose_orders` that turns the items too, where `Instance.turned` leaves a choice.
 
     Returns:
         (order int32 [B, N], orientation int32 [B, N] by item): what was packed is the order
@@ -97,7 +79,7 @@ def trace_choices(
     keys: Array,
     kinds: int,
 ) -> tuple[Array, Array, list[Trace]]:
-    """What `choose_turned` samples, and what was seen and chosen: a trace per stretch of rows."""
+    """What `choose_orders` samples, and what was seen and chosen: a trace per stretch of rows."""
     return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
 
 

@@ -14,7 +14,7 @@ from jax import Array
 
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import Policy
-from jaxpack.learning.rollout import LANES, choose_turned
+from jaxpack.learning.rollout import LANES, choose_orders
 from jaxpack.loading.local_search import Genes
 from jaxpack.loading.stock import Loading, first_genes, first_stage
 from jaxpack.packing.problem import Instance, Problem
@@ -25,7 +25,7 @@ SHAPES = (64, 256, 1024)
 """Numbers of items, and of kinds, that a program is compiled for: few, it takes seconds."""
 TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are different orders
 
-draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_turned)
+draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_orders)
 
 
 def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
