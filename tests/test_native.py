@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from cases import packer
 
+from benchmarks.native import pack_native
 from jaxpack.learning.presets import preset
 from jaxpack.packing.instances import sample
-
-pytest.importorskip("numba", reason="pip install -e '.[bench]'")
-from benchmarks.native import pack_native
 
 
 @pytest.mark.parametrize("name", ["paper-2d", "paper-3d"])
