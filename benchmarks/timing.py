@@ -21,9 +21,9 @@ BURST = 0.3
 def seconds(runs: dict[str, Callable[[], Any]], repeats: int) -> dict[str, float]:
     """Median wall time of each run. They take turns, so that other work on the machine hits all.
 
-    Each is called once before, for what is compiled or allocated on the first call. A short one is
-    called for `BURST` seconds a turn: the first call after another's has its threads to wake and,
-    for some milliseconds, the other's idle threads beside it.
+    A turn before the others is not counted, for what is compiled or allocated in it. A short run
+    is called for `BURST` seconds a turn: the first call after another's has its threads to wake
+    and, for some milliseconds, the other's idle threads beside it.
     """
     times: dict[str, list[float]] = {name: [] for name in runs}
     for turn in range(repeats + 1):

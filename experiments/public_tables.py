@@ -29,12 +29,12 @@ def by_class(found: Rows, columns: dict[str, tuple[Rows, str]]) -> None:
 
 
 def main() -> None:
-    flat, solid, ivancic = (
+    flat, solid = (
         {
             support: read_rows(RESULTS / f"solve-{name}-support-{support}.csv")
             for support in SUPPORTS
         }
-        for name in ("2bp", "mpv", "ivancic")
+        for name in ("2bp", "mpv")
     )
     half = flat["0.5"]
     by_class(half, {
@@ -48,9 +48,10 @@ def main() -> None:
         **{f"bins, support {support}": (rows, "bins") for support, rows in solid.items()},
         "L2": (bounds, "sum_mpv_l2"),
     })  # fmt: skip
-    for support, rows in ivancic.items():
+    for what in ("support-0.5", "support-0.5-no-policy"):
+        rows = read_rows(RESULTS / f"solve-ivancic-{what}.csv")
         bins, bound = (sum(int(row[name]) for row in rows) for name in ("bins", "lower_bound"))
-        print(f"Ivancic, support {support}: {bins} bins, bound {bound}, {len(rows)} instances")
+        print(f"Ivancic, {what}: {bins} bins, bound {bound}, {len(rows)} instances")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def use_all_cores() -> None:
 
     What XLA runs of a packing is loops, and of a loop it uses one core: two devices train nearly
     twice as fast as one on two cores. One of several processes keeps to one device: when another
-    is lost, a process of several devices waits for ever instead of failing.
+    is lost, a process of several devices does not fail but waits until JAX ends it, without a word.
     """
     told = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
     told = told or "JAX_NUM_CPU_DEVICES" in os.environ or jax.distributed.is_initialized()
