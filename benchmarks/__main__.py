@@ -6,7 +6,8 @@ Sections: placement, training, genetic, sweeps, growth. All if none is named.
 import sys
 from importlib import import_module
 
-from jaxpack.devices import compile_loops_whole, use_all_cores
+from jaxpack.devices import use_all_cores
+from jaxpack.packing.programs import compile_loops_whole
 
 SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 

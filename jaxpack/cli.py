@@ -14,8 +14,8 @@ from typing import TypeVar
 import jax
 import tyro
 
-from jaxpack.devices import compile_loops_whole
 from jaxpack.errors import UserError
+from jaxpack.packing.programs import compile_loops_whole
 
 T = TypeVar("T")
 

@@ -18,7 +18,6 @@ from jax.sharding import PartitionSpec as P
 from jaxpack.errors import UserError
 
 DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
-SMALL_LOOP = 1_000_000  # bytes that a turn may read and write
 PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
 
 
@@ -35,18 +34,6 @@ def use_all_cores() -> None:
         return
     with contextlib.suppress(RuntimeError):  # too late: somebody has used an array
         jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
-
-
-def compile_loops_whole() -> None:
-    """Lets XLA make one program of a small loop, such as that of `pack` in 2D. Before any array.
-
-    On a CPU it otherwise goes through the twenty small programs of a turn one by one, handing them
-    from thread to thread, which costs more than what they do.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_backend_extra_options" not in flags:  # there is only one
-        whole = f"--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold={SMALL_LOOP}"
-        os.environ["XLA_FLAGS"] = f"{flags} {whole}".strip()
 
 
 def join_processes(

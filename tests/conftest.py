@@ -3,7 +3,7 @@
 import os
 import tempfile
 
-from jaxpack.devices import compile_loops_whole
+from jaxpack.packing.programs import compile_loops_whole
 
 
 def pytest_configure(config):

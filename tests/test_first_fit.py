@@ -9,6 +9,7 @@ import oracle
 import pytest
 from cases import packer, random_cases
 
+from jaxpack.learning.presets import preset
 from jaxpack.packing.first_fit import LANES, pack
 from jaxpack.packing.height_map import empty_map, rest
 from jaxpack.packing.metrics import paper_cost
@@ -231,8 +232,22 @@ def assert_same(found, expected):
     jax.tree.map(np.testing.assert_array_equal, found, expected)
 
 
-def test_on_a_cpu_the_flat_loop_is_one_program():
-    """The doors ask for it; XLA says so where it complied. Packing takes twice as long without."""
-    flat = Problem(bin=(10, 1, 10), largest=(5, 1))
-    program = packer(flat).lower(*random_cases(flat, seed=0, count=LANES, items=40)).compile()
+@pytest.mark.parametrize("name", ["paper-2d", "paper-3d"])
+def test_on_a_cpu_the_loop_is_one_program(name):
+    """The doors ask for it; XLA says so where it complied. Packing takes several times as long
+    without.
+    """
+    problem, items = preset(name).problem, preset(name).distribution.items
+    cases = random_cases(problem, seed=0, count=LANES, items=items)
+    program = packer(problem).lower(*cases).compile()
     assert jax.default_backend() != "cpu" or "xla_cpu_small_call" in program.as_text()
+
+
+def test_packings_are_the_same_where_loops_are_not_compiled_whole(monkeypatch):
+    problem = Problem(bin=(6, 5, 7), largest=(4, 4))
+    cases = random_cases(problem, seed=1, count=20, items=12)
+    whole = packer(problem)(*cases)
+    monkeypatch.setenv("XLA_FLAGS", "")
+    # One less: another shape is traced anew.
+    plain = packer(problem)(*jax.tree.map(lambda leaf: leaf[:-1], cases))
+    assert_same(plain, jax.tree.map(lambda leaf: leaf[:-1], whole))

@@ -7,6 +7,7 @@ comes, what it leaves goes to bin 1 in the same order, and so on. The placements
 A turn offers one item to one bin, in every batch member its own: none waits for another's bins.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
@@ -28,10 +29,14 @@ from jaxpack.packing.height_map import (
 )
 from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
+from jaxpack.packing.programs import least, total
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
 window from `LARGE_WINDOW` on."""
+VECTOR, SEVERAL = 64, 4
+"""Numbers in a vector of the processor: what is left over of a row is done one by one, which takes
+longer than a vector more, from several instances on."""
 
 
 class _Turn(NamedTuple):
@@ -89,12 +94,13 @@ def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
 def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
     batch = order.shape[0]
-    most = FEW_LANES if max(problem.window) >= LARGE_WINDOW else LANES
-    count = -(-batch // most) if jax.default_backend() == "cpu" else 1
-    if count <= 1:
+    if jax.default_backend() != "cpu" or batch < SEVERAL:
         return _first_fit(problem, instance, order)
+    large = max(problem.window) >= LARGE_WINDOW
+    most, vector = (FEW_LANES, 1) if large else (LANES, VECTOR)
+    size = -(-batch // -(-batch // most))
     return in_pieces(
-        lambda piece: _first_fit(problem, *piece), (instance, order), -(-batch // count)
+        lambda piece: _first_fit(problem, *piece), (instance, order), -(-size // vector) * vector
     )
 
 
@@ -155,13 +161,14 @@ def _take_turns(
 
     def turn(now: _Turn) -> _Turn:
         size, needed = now.item
-        corner, fits = lowest(problem, rest(problem, now.heights, size, needed, ceiling))
+        z = rest(problem, now.heights, size, needed, ceiling)
+        corner, fits = lowest(problem, z, least)
         fits &= now.rank < N
         x, y, z = corner
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
         following = jnp.where(rank_of > now.rank, rank_of, rank_of + N)
-        following = _least(jnp.where(bin == -1, following, ranks.type(2 * N)))
+        following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
         # A bin that took nothing is the end: what is left fits no bin.
         began = now.began | fits
         opens = (following >= N) & began
@@ -192,17 +199,7 @@ def _take_turns(
         z=nothing,
     )
 
-    def waiting(now: _Turn) -> Array:
-        return (now.rank < N).any()
-
-    def take(now: _Turn) -> _Turn:
-        return jax.lax.while_loop(waiting, turn, now)
-
-    if max(problem.window) >= LARGE_WINDOW:
-        return take(start)
-    # Of a branch's loops XLA makes no parts for its threads: parts this small are done sooner than
-    # handed out.
-    return jax.lax.cond(waiting(start), take, lambda now: now, start)
+    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turn, start)
 
 
 def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
@@ -214,35 +211,32 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
         bin, corner, sides: integers [N, B] by item.
     """
     L, W, _ = problem.bin
-    x_cells, y_cells = (jnp.arange(cells, dtype=sides[0].dtype)[:, None, None] for cells in (L, W))
-    over_x = (corner[0] <= x_cells) & (x_cells < corner[0] + sides[0])  # [L, N, B]
-    over_y = (corner[1] <= y_cells) & (y_cells < corner[1] + sides[1])  # [W, N, B]
-    top = corner[2] + sides[2]
-    length, width, height = (side.astype(jnp.int32) for side in sides)
+    N, batch = bin.shape
+    dtype = sides[0].dtype
+    x = jnp.arange(L, dtype=dtype)[:, None, None]
+    y = jnp.arange(W, dtype=dtype)[:, None]
+    ends = tuple(at + side for at, side in zip(corner, sides, strict=True))
+    volume = math.prod(side.astype(jnp.int32) for side in sides)
 
     def stats_of(slot: Array, stats: Array) -> Array:
         inside = bin == slot
-        columns = jnp.where(inside & over_x, top, 0)
-        heights = jnp.where(over_y, columns[:, None], 0).max(2)
+
+        def raised(item: Array, heights: Array) -> Array:
+            over_x = (corner[0][item] <= x) & (x < ends[0][item])
+            over_y = (corner[1][item] <= y) & (y < ends[1][item])
+            return jnp.maximum(heights, jnp.where(inside[item] & over_x & over_y, ends[2][item], 0))
+
+        heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
         found = (
-            jnp.where(inside, length * width * height, 0).sum(0),
-            heights.max((0, 1)).astype(jnp.int32),
-            heights.sum((0, 1), dtype=jnp.int32),
+            total(jnp.where(inside, volume, 0), 1),
+            -least(-heights, 2).astype(jnp.int32),
+            total(heights.astype(jnp.int32), 2),
         )
         return stats.at[slot].set(jnp.stack(found))
 
-    N, batch = bin.shape
     nothing = jnp.zeros((N, 3, batch), jnp.int32)
     # A scatter takes one number after the other; a slot at a time takes all lanes.
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
-
-
-def _least(rows: Array) -> Array:
-    """Minimum over the first axis. `min` XLA leaves to a library, and then cannot make one program
-    of the loop around it.
-    """
-    largest = np.array(np.iinfo(rows.dtype).max, rows.dtype)
-    return jax.lax.reduce(rows, largest, lambda a, b: jnp.where(a < b, a, b), (0,))
 
 
 def _narrowest(names: tuple[str, ...], largest: int) -> np.dtype:

@@ -8,12 +8,15 @@ Sizes and corners are three arrays and not one of [3, *batch]: where a scan slic
 stacked array, XLA fuses the slicing into the window and runs 60 times slower.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxpack.packing.problem import Problem
+from jaxpack.packing.programs import apart
 
 Triple = tuple[Array, Array, Array]
 
@@ -66,8 +69,14 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
     if max(problem.window) < LARGE_WINDOW:
         under_x = [(d < length, heights[d : d + L]) for d in range(window_x)]
         z_x, count_x = _highest(under_x, [jnp.ones_like(heights[:L])] * window_x)
-        under_y = [(d < width, z_x[:, d : d + W]) for d in range(window_y)]
-        z, count = _highest(under_y, [count_x[:, d : d + W] for d in range(window_y)])
+
+        def along_y(z_x: Array, count_x: Array) -> tuple[Array, Array]:
+            under_y = [(d < width, z_x[:, d : d + W]) for d in range(window_y)]
+            return _highest(under_y, [count_x[:, d : d + W] for d in range(window_y)])
+
+        z, count = z_x[:, :W], count_x[:, :W]
+        if window_y > 1:
+            z, count = apart((ceiling > -1).all(), along_y, z_x, count_x)
     else:
         rows = _highest_by_doubling(heights, jnp.ones_like(heights), length, window_x, axis=0)
         z_x, count_x = (row[:L] for row in rows)
@@ -78,11 +87,18 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
     return jnp.where(allowed, z, np.iinfo(heights.dtype).max)
 
 
-def lowest(problem: Problem, z: Array) -> tuple[Triple, Array]:
+def _minimum(array: Array, axes: int) -> Array:
+    return array.min(tuple(range(axes)))
+
+
+def lowest(
+    problem: Problem, z: Array, least: Callable[[Array, int], Array] = _minimum
+) -> tuple[Triple, Array]:
     """The paper's choice among allowed positions: minimum z, then y, then x (section II.C).
 
     Args:
         z: cell_dtype [L, W, *batch] from `rest`.
+        least: (array, n) -> its minimum over the leading n axes.
 
     Returns:
         ((x, y, z), fits): cell_dtype [*batch] each and bool [*batch]; the corner means nothing
@@ -90,10 +106,10 @@ def lowest(problem: Problem, z: Array) -> tuple[Triple, Array]:
     """
     L, W, _ = problem.bin
     wall = np.iinfo(z.dtype).max
-    z_best = z.min((0, 1))
+    z_best = least(z, 2)
     x, y = _coordinates(problem, z.ndim - 2)
     place = (y[:, :W] * L + x[:L]).astype(z.dtype)
-    first = jnp.where(z == z_best, place, wall).min((0, 1))
+    first = least(jnp.where(z == z_best, place, wall), 2)
     return (first % L, first // L, z_best), z_best < wall
 
 
