@@ -27,9 +27,11 @@ def command_of(config: RunConfig) -> str:
     recipe, base = config.train, preset(config.preset)
     command = f"python -m jaxpack.train {config.preset} --seed {config.seed}"
     for name in ("train_instances", "batch", "epochs", "learning_rate", "credit", "entropy",
-                 "samples"):  # fmt: skip
+                 "samples", "alpha"):  # fmt: skip
         if getattr(recipe, name) != getattr(base, name):
             command += f" --{name.replace('_', '-')} {getattr(recipe, name)}"
+    if config.start_from:
+        command += f" --start-from {config.start_from}"
     if recipe.policy.hidden != base.policy.hidden:
         command += f" --hidden {recipe.policy.hidden}"
     return command + f" --checkpoint-every {config.checkpoint_every}"

@@ -30,7 +30,14 @@ from jaxpack.devices import (
 )
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import RunConfig, create_run, lock_run, read_policy, read_run
+from jaxpack.files.runs import (
+    RunConfig,
+    create_run,
+    lock_run,
+    read_policy,
+    read_run,
+    starting_params,
+)
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
@@ -54,6 +61,8 @@ class TrainOptions:
     """Go on with this run folder; takes no other option."""
     run: Path | None = None
     """The run folder to make; runs/PRESET-TIME if not given."""
+    start_from: str = ""
+    """A policy of the package or an .npz file to begin with; fresh weights if not given."""
     seed: int = 0
     """Gives the weights, the data, the shuffles and the samples."""
     items: int | None = None
@@ -154,8 +163,14 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
             raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
     recipe = make_recipe(options)
     config = RunConfig(
-        options.preset, options.seed, recipe, options.chunk, options.checkpoint_every
+        options.preset,
+        options.seed,
+        recipe,
+        options.chunk,
+        options.checkpoint_every,
+        options.start_from,
     )
+    starting_params(config)  # what cannot be is said before there is a folder
     mesh = _mesh(options, config)
     stamp = time.strftime("%Y%m%d-%H%M%S")
     if options.run is None and jax.process_count() > 1:

@@ -21,6 +21,7 @@ from jaxpack.files.runs import (
     best_of_state,
     first_snapshot,
     rewind_lines,
+    starting_params,
 )
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.policies import greedy_orders
@@ -74,7 +75,7 @@ def train_run(
     if (run / "checkpoints").is_dir():
         checkpoints = Checkpoints(run)
         snapshot = checkpoints.restore(config, mesh)
-    state, best = snapshot or first_snapshot(config, mesh)
+    state, best = snapshot or first_snapshot(config, mesh, starting_params(config))
     update = saved = int(state.update)
     if is_first():
         rewind_lines(run, update)

@@ -168,6 +168,8 @@ BAD = [
     ("train --resume r --epochs 3", "--resume takes no other option"),
     ("train --run r", "r: exists already"),
     ("train --batch 0", "batch 0: give at least 1"),
+    ("train --start-from nobody", "no policy 'nobody': choose from"),
+    ("train --start-from pointer-2d", "pointer-2d: its network is not the one to train"),
     ("train --colour red", "Unrecognized options: --colour"),
 ]
 

@@ -29,6 +29,7 @@ from jaxpack.files.runs import (
     read_run,
     rewind_lines,
 )
+from jaxpack.files.weights import save_policy
 from jaxpack.learning.presets import preset
 from jaxpack.training import DivergedError, chunk_length, train_run, validate_policy
 
@@ -135,6 +136,19 @@ def test_a_full_disk_is_one_error_and_loses_nothing(uninterrupted, tmp_path):
     (run / "kept").rename(run / "metrics.jsonl")
     list(train_run(run, CONFIG))
     assert_same_run(run, uninterrupted)
+
+
+def test_a_run_can_start_from_a_policy(uninterrupted, tmp_path):
+    given, run = tmp_path / "given.npz", tmp_path / "run"
+    policy = read_policy(uninterrupted)
+    save_policy(given, policy, {})
+    config = replace(CONFIG, start_from=str(given), train=replace(TINY, learning_rate=1e-12))
+    create_run(run, config)
+    *_, last = (record for record, _ in zip(train_run(run, config), range(3), strict=False))
+    expected = validate_policy(TINY, policy.params, jax.random.key(CONFIG.seed))
+    assert last["validation"] == pytest.approx(expected, rel=1e-5)
+    given.unlink()
+    assert next(train_run(run, read_run(run)))["update"] == 12, "what it began with is not needed"
 
 
 def test_a_run_is_trained_by_one_process_at_a_time(tmp_path):

@@ -33,6 +33,7 @@ from jaxpack.devices import data_mesh, on_all
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.weights import fits_recipe, load_policy
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import TrainState, init_state
@@ -47,6 +48,9 @@ class RunConfig:
     train: TrainConfig
     chunk: int = 50  # updates per dispatch and per line of metrics.jsonl, at most
     checkpoint_every: int = 500  # updates between validations and checkpoints, at least
+    start_from: str = (
+        ""  # the policy whose weights it begins with, for `load_policy`; or fresh ones
+    )
 
 
 class Best(NamedTuple):
@@ -64,13 +68,37 @@ class Snapshot(NamedTuple):
     best: Best
 
 
-def first_snapshot(config: RunConfig, mesh: Mesh | None = None) -> Snapshot:
-    """Where a run begins, on all devices of `mesh`; on one if not given."""
+def starting_params(config: RunConfig) -> Params | None:
+    """The weights that a run begins with, None for fresh ones.
 
-    def init(seed: ArrayLike) -> TrainState:
-        return init_state(config.train, jax.random.key(seed))
+    Raises:
+        UserError: where there is no such policy, or its network is another.
+    """
+    if not config.start_from:
+        return None
+    params = load_policy(config.start_from).params
+    if not fits_recipe(config.train, params):
+        raise UserError(
+            f"--start-from {config.start_from}: its network is not the one to train; choose a "
+            "policy of the same kind and width"
+        )
+    return params
 
-    state = jax.jit(init, out_shardings=on_all(mesh or data_mesh()))(config.seed)
+
+def first_snapshot(
+    config: RunConfig, mesh: Mesh | None = None, params: Params | None = None
+) -> Snapshot:
+    """Where a run begins, on all devices of `mesh`; on one if not given.
+
+    Args:
+        params: from `starting_params`.
+    """
+
+    def init(seed: ArrayLike, params: Params | None) -> TrainState:
+        state = init_state(config.train, jax.random.key(seed))
+        return state if params is None else state._replace(params=params)
+
+    state = jax.jit(init, out_shardings=on_all(mesh or data_mesh()))(config.seed, params)
     return Snapshot(state, best_of_state(state, jnp.inf))
 
 

@@ -58,15 +58,23 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
         file.write(json.dumps(record, indent=2) + "\n")
 
 
+def fits_recipe(config: TrainConfig, params: Params) -> bool:
+    """Whether `params` have the names and shapes that `config` gives."""
+    return not _differing(config, params)
+
+
 def check_params(config: TrainConfig, params: Params, where: str) -> Params:
     """`params` if they have the shapes that `config` gives; UserError naming `where` if not."""
+    if names := _differing(config, params):
+        raise UserError(f"{where}: its weights do not match its config ({names[0]}); retrain it")
+    return params
+
+
+def _differing(config: TrainConfig, params: Params) -> list[str]:
     expected = jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
     wanted = {k: v.shape for k, v in traverse_util.flatten_dict(expected, sep="/").items()}
     found = {k: np.shape(v) for k, v in traverse_util.flatten_dict(params, sep="/").items()}
-    if wanted != found:
-        names = sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
-        raise UserError(f"{where}: its weights do not match its config ({names[0]}); retrain it")
-    return params
+    return sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
 
 
 def _read(path: Path) -> Policy:
