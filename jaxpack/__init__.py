@@ -4,6 +4,7 @@ Everything is an order, one judge turns orders into packings: `pack(problem, ins
 """
 
 from jaxpack.comparison import Comparison, Row, compare
+from jaxpack.devices import use_all_cores
 from jaxpack.errors import UserError
 from jaxpack.files.jobs import read_job
 from jaxpack.files.weights import load_policy, save_policy
@@ -53,6 +54,7 @@ from jaxpack.packing.metrics import (
     utilisation,
 )
 from jaxpack.packing.problem import Instance, Packing, Problem, in_orientation, make_instance
+from jaxpack.packing.programs import compile_loops_whole
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
 from jaxpack.solution import Solution, solve
 from jaxpack.solvers.bin_by_bin import bin_by_bin
@@ -107,6 +109,7 @@ __all__ = [
     "choose_orders",
     "compactness",
     "compare",
+    "compile_loops_whole",
     "compile_search",
     "evolved",
     "footprint_order",
@@ -144,6 +147,7 @@ __all__ = [
     "step",
     "train_step",
     "uniform_instance",
+    "use_all_cores",
     "utilisation",
     "violations",
     "volume_order",
