@@ -35,7 +35,7 @@ LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
 window from `LARGE_WINDOW` on."""
 VECTOR, SEVERAL = 64, 4
-"""Numbers in a vector of the processor: what is left over of a row is done one by one, which takes
+"""Bytes in a vector of the processor: what is left over of a row is done one by one, which takes
 longer than a vector more, from several instances on."""
 
 
@@ -96,8 +96,9 @@ def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     batch = order.shape[0]
     if jax.default_backend() != "cpu" or batch < SEVERAL:
         return _first_fit(problem, instance, order)
-    large = max(problem.window) >= LARGE_WINDOW
-    most, vector = (FEW_LANES, 1) if large else (LANES, VECTOR)
+    most, vector = LANES, VECTOR // cell_dtype(problem).itemsize
+    if max(problem.window) >= LARGE_WINDOW:
+        most, vector = FEW_LANES, 1
     size = -(-batch // -(-batch // most))
     return in_pieces(
         lambda piece: _first_fit(problem, *piece), (instance, order), -(-size // vector) * vector
