@@ -91,7 +91,7 @@ def main() -> None:
             for series, run in (("grid", packed_on_grid), ("exact", packed_exactly)):
                 series = f"{dimension} {series}"
                 rows.append(rows_of("items", items, series, run(problem), (some,), SIDE_BY_SIDE))
-        for side in (10, 20, 50, 100, 200):
+        for side in (10, 20, 50, 100, 200, 300):
             larger = problem.resized((side, side, side), side // 2)
             some = sample(larger, Distribution(50, max(1, side // 10), side // 2), key, 4)
             kernels = {"grid": packed_on_grid, "exact": packed_exactly}

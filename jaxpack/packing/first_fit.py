@@ -34,8 +34,8 @@ from jaxpack.packing.programs import least, total
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
 window from `LARGE_WINDOW` on."""
-VECTOR, SEVERAL = 64, 4
-"""Bytes in a vector of the processor: what is left over of a row is done one by one, which takes
+VECTOR, SEVERAL = 32, 4
+"""Bytes that the processor takes at once: what is left over of a row is done one by one, which takes
 longer than a vector more, from several instances on."""
 
 

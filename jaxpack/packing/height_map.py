@@ -20,7 +20,7 @@ from jaxpack.packing.programs import apart
 
 Triple = tuple[Array, Array, Array]
 
-LARGE_WINDOW = 100
+LARGE_WINDOW = 150
 """From this many cells on, a window is put together from blocks of 1, 2, 4, ... cells."""
 
 
