@@ -57,7 +57,7 @@ from jaxpack.packing.problem import Instance, Packing, Problem, in_orientation, 
 from jaxpack.packing.programs import compile_loops_whole
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
 from jaxpack.solution import Solution, solve
-from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.solvers.brkga import BrkgaConfig, brkga, genetic
 from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
@@ -127,6 +127,7 @@ __all__ = [
     "make_method",
     "make_train",
     "order_of",
+    "orders_found",
     "orientations_of",
     "pack",
     "paper_cost",

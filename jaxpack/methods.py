@@ -16,7 +16,7 @@ from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.recipe import OBJECTIVES, Policy
 from jaxpack.packing.problem import Instance, Problem
-from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.solvers.brkga import BrkgaConfig, genetic
 from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
@@ -110,7 +110,8 @@ def _bin_aware(name: str, problem: Problem, options: MethodOptions, objective: O
     if name == "bin-aware-search":
         search = bin_by_bin(problem, greedy, draw, objective, options.width, options.draws)
         if options.breeding:
-            search = evolved(problem, search, _brkga(problem, options), objective, options.breeding)
+            breeding = _brkga(problem, options)
+            search = evolved(problem, search, orders_found, breeding, objective, options.breeding)
         return _searching(options, search, options.rounds)
     raise UserError(_unknown(name))
 

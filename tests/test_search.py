@@ -13,7 +13,7 @@ from jaxpack.learning.presets import PAPER_2D
 from jaxpack.packing.instances import Distribution, sample
 from jaxpack.packing.metrics import bins_first_cost
 from jaxpack.packing.problem import Instance
-from jaxpack.solvers.bin_by_bin import bin_by_bin
+from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.solvers.brkga import BrkgaConfig, genetic
 from jaxpack.solvers.evolved import evolved
 from jaxpack.solvers.heuristics import height_order, random_order
@@ -32,7 +32,7 @@ BIN_BY_BIN = bin_by_bin(
 BREEDING = genetic(PAPER_2D, BrkgaConfig(population=10))
 SEARCHES = {
     "bin by bin": BIN_BY_BIN,
-    "evolved": evolved(PAPER_2D, BIN_BY_BIN, BREEDING, bins_first_cost, 3),
+    "evolved": evolved(PAPER_2D, BIN_BY_BIN, orders_found, BREEDING, bins_first_cost, 3),
     "bred": BREEDING,
     "sampling": sampling(PAPER_2D, DRAW, bins_first_cost, 12),
 }
@@ -74,6 +74,13 @@ def test_what_has_bred_is_never_worse_than_what_it_comes_from_and_better_than_ei
     evolved, found = costs_after("evolved", 4), costs_after("bin by bin", 4)
     assert (evolved <= found).all()
     assert evolved.mean() < min(found.mean(), costs_after("bred", 12).mean())
+
+
+def test_more_finds_than_individuals_breed_too():
+    few = genetic(PAPER_2D, BrkgaConfig(population=3))
+    search = evolved(PAPER_2D, BIN_BY_BIN, orders_found, few, bins_first_cost, 1)
+    bred = costs_of(jax.jit(partial(run_rounds, search, rounds=1))(KEYS, INSTANCES))
+    assert (bred <= costs_after("bin by bin", 1)).all()
 
 
 def test_filled_bins_stay_as_they_were():

@@ -35,8 +35,8 @@ LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
 window from `LARGE_WINDOW` on."""
 VECTOR, SEVERAL = 32, 4
-"""Bytes that the processor takes at once: what is left over of a row is done one by one, which takes
-longer than a vector more, from several instances on."""
+"""Bytes that the processor takes at once: what is left over of a row is done one by one, which
+takes longer than a vector more, from several instances on."""
 
 
 class _Turn(NamedTuple):

@@ -110,6 +110,11 @@ def bin_by_bin(
     return Search(start, advance, lambda state: state.best)
 
 
+def orders_found(state: Beams) -> Array:
+    """The best order and those of the beams: int32 [B, 1 + W, N]."""
+    return jnp.concatenate([state.best[:, None], state.order], 1)
+
+
 def _put_last(order: Array, drawn: Array, left: Array) -> Array:
     """`order` without the items that are left, then those in the drawn order: int32 [N]."""
     items = order.shape[0]

@@ -1,34 +1,48 @@
-"""A search whose finds breed: between its rounds a genetic algorithm works on the best of them.
+"""A search whose finds breed: between its rounds a genetic algorithm works on them.
 
 A packing costs a tenth of drawing an order from a policy, so generations are nearly free beside
 the search's rounds; and they change orders where the search never goes back, in the last bins.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.packing.first_fit import pack
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.brkga import Population, keys_of
-from jaxpack.solvers.search import Objective, Search, pack_orders
+from jaxpack.solvers.search import Objective, Search
 
 
 def evolved(
-    problem: Problem, search: Search, breeding: Search, objective: Objective, generations: int
+    problem: Problem,
+    search: Search,
+    finds: Callable[[Any], Array],
+    breeding: Search,
+    objective: Objective,
+    generations: int,
 ) -> Search:
-    """A round is one of `search` and so many generations of `breeding`, from `genetic`."""
+    """A round is one of `search` and so many generations of `breeding`, from `genetic`.
+
+    Args:
+        finds: the search's state -> int32 [B, K, N], the orders that breed, the best one first.
+    """
+
+    def judged(instance: Instance, orders: Array) -> Array:
+        return jax.vmap(lambda order: objective(instance, pack(problem, instance, order)))(orders)
 
     def join(
         instances: Instance, found: Any, bred: tuple[Population, Array]
     ) -> tuple[Any, tuple[Population, Array]]:
-        """The best find takes the place of the worst individual, in front where it is best."""
+        """The finds take the place of the worst individuals, in front where they are better."""
         population, mask = bred
-        orders = search.best(found)
-        costs = jax.vmap(objective)(instances, pack_orders(problem, instances, orders))
-        genes = population.genes.at[:, -1].set(jax.vmap(keys_of)(orders))
-        cost = population.cost.at[:, -1].set(costs)
+        orders = finds(found)[:, : population.cost.shape[1]]
+        count = orders.shape[1]
+        genes = population.genes.at[:, -count:].set(jax.vmap(jax.vmap(keys_of))(orders))
+        cost = population.cost.at[:, -count:].set(jax.vmap(judged)(instances, orders))
         rank = jnp.argsort(cost, axis=1)
         genes = jnp.take_along_axis(genes, rank[..., None], 1)
         cost = jnp.take_along_axis(cost, rank, 1)
