@@ -1,5 +1,6 @@
 """Searches in rounds: budgets are kept, more is never worse, bins are filled one by one."""
 
+import itertools
 import time
 from functools import cache, partial
 
@@ -128,6 +129,34 @@ def test_a_time_limit_is_kept_and_used(limit, durations, rounds, monkeypatch):
     monkeypatch.setattr("jaxpack.solvers.search.time.perf_counter", lambda: clock.now)
     assert run_for(clock.search(durations), KEYS, INSTANCES, limit) == rounds
     assert clock.now - 100 <= max(limit, durations[0])
+
+
+def test_what_is_left_of_the_time_goes_to_smaller_rounds(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr("jaxpack.solvers.search.time.perf_counter", lambda: clock.now)
+
+    def refine(instances, state):
+        clock.now += 0.03125
+        return state + 100
+
+    search = clock.search([0.25])._replace(refine=refine)
+    # Three whole rounds in 0.875 s; four small ones in the eighth that is left.
+    assert run_for(search, KEYS, INSTANCES, 0.875) == 403
+    assert clock.now == 100.875
+    # None at all where the start took all the time.
+    late = search._replace(start=lambda keys, instances: clock.search([1.0]).advance(None, -1))
+    assert run_for(late, KEYS, INSTANCES, 0.5) == 0
+
+
+def test_the_smaller_rounds_of_what_has_bred_are_never_worse():
+    search = SEARCHES["evolved"]
+    state = search.start(KEYS, INSTANCES)
+    costs = [costs_of(search.best(state))]
+    for _ in range(3):
+        state = jax.jit(search.refine)(INSTANCES, state)
+        costs.append(costs_of(search.best(state)))
+    assert all((after <= before).all() for before, after in itertools.pairwise(costs))
+    assert costs[-1].mean() < costs[0].mean()
 
 
 def test_a_time_limit_is_one_of_wall_time():

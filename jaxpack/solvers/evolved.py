@@ -51,11 +51,13 @@ def evolved(
     def start(keys: Array, instances: Instance) -> Any:
         return join(instances, search.start(keys, instances), breeding.start(keys, instances))
 
-    def advance(instances: Instance, state: Any) -> Any:
-        found, bred = join(instances, search.advance(instances, state[0]), state[1])
-        bred = jax.lax.fori_loop(
-            0, generations, lambda _, bred: breeding.advance(instances, bred), bred
-        )
-        return found, bred
+    def generation(instances: Instance, state: Any) -> Any:
+        return state[0], breeding.advance(instances, state[1])
 
-    return Search(start, advance, lambda state: breeding.best(state[1]))
+    def advance(instances: Instance, state: Any) -> Any:
+        state = join(instances, search.advance(instances, state[0]), state[1])
+        return jax.lax.fori_loop(
+            0, generations, lambda _, state: generation(instances, state), state
+        )
+
+    return Search(start, advance, lambda state: breeding.best(state[1]), refine=generation)

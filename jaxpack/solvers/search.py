@@ -29,6 +29,7 @@ class Search(NamedTuple):
     start: Callable[[Array, Instance], Any]  # (keys [B], instances) -> state
     advance: Callable[[Instance, Any], Any]  # (instances, state) -> state after one more round
     best: Callable[[Any], Array]  # state -> int32 [B, N], the best orders so far
+    refine: Callable[[Instance, Any], Any] | None = None  # like `advance`, less and faster
 
 
 def run_rounds(search: Search, keys: Array, instances: Instance, rounds: int) -> Array:
@@ -60,31 +61,36 @@ def compile_search(
         state,
         begin.output_shardings,
     )
-    advance = split_batch(mesh, search.advance, (PART, specs), specs)
-    best = split_batch(mesh, search.best, (specs,))
+
+    def compiled(advance: Callable[[Instance, Any], Any]) -> Callable[[Instance, Any], Any]:
+        shared = split_batch(mesh, advance, (PART, specs), specs)
+        return jax.jit(shared, donate_argnums=1).lower(instances, state).compile()
+
     return Search(
         begin,
-        jax.jit(advance, donate_argnums=1).lower(instances, state).compile(),
-        jax.jit(best).lower(state).compile(),
+        compiled(search.advance),
+        jax.jit(split_batch(mesh, search.best, (specs,))).lower(state).compile(),
+        compiled(search.refine) if search.refine else None,
     )
 
 
 def run_for(search: Search, keys: Array, instances: Instance, seconds: float) -> Array:
     """The best orders found in so many seconds: int32 [B, N].
 
-    No round is begun that would end late if it took as long as the longest one so far. The start
-    and the first round always run.
+    No round is begun that would end late if it took as long as the longest one so far; what is
+    left of the time then goes to the search's smaller rounds, if it has any. The start always runs.
 
     Args:
         search: from `compile_search`, or compilation counts.
     """
-    begun = time.perf_counter()
+    end = time.perf_counter() + seconds
     state = jax.block_until_ready(search.start(keys, instances))
-    longest, now = 0.0, time.perf_counter()
-    while now + longest <= begun + seconds:
-        state = jax.block_until_ready(search.advance(instances, state))
-        before, now = now, time.perf_counter()
-        longest = max(longest, now - before)
+    for advance in filter(None, (search.advance, search.refine)):
+        longest, now = 0.0, time.perf_counter()
+        while now + longest <= end:
+            state = jax.block_until_ready(advance(instances, state))
+            before, now = now, time.perf_counter()
+            longest = max(longest, now - before)
     return search.best(state)
 
 
