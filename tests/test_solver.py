@@ -11,7 +11,7 @@ from jaxpack.errors import UserError
 from jaxpack.loading.figures import plan_figures
 from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import advance, fresh_lanes, join
+from jaxpack.loading.local_search import AS_GIVEN, BREED, advance, exchange, fresh_lanes, join
 from jaxpack.loading.solver import SolveOptions, improve, solve_job, with_cheapest_bins
 from jaxpack.loading.stock import load_job
 from jaxpack.loading.units import units_of
@@ -80,7 +80,7 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
     def packed(first):
         some = jax.tree.map(lambda leaf: leaf[first : first + 32], genes)
         start = fresh_lanes(jax.random.key(0), some)
-        return advance(loading.rules, loading.stock, start, 1, 0.0, True)
+        return advance(loading.rules, loading.stock, start, 1, 0.0, AS_GIVEN)
 
     one, other = packed(0), packed(32)
     assert (np.asarray(one.bin)[:, : job.count] >= 0).all()
@@ -89,6 +89,17 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
     costs = np.sort(np.concatenate([one.cost, other.cost]))
     np.testing.assert_array_equal(both.cost, costs[:32])
     assert both.best.cost == costs[0]
+    guests = exchange(one, other)
+    for mine, theirs, after in ((one, other, guests[0]), (other, one, guests[1])):
+        kept = [*np.sort(mine.cost)[:24], *np.sort(theirs.cost)[:8]]
+        np.testing.assert_array_equal(np.sort(after.cost), np.sort(kept))
+        assert after.best.cost == costs[0]
+    bred = advance(loading.rules, loading.stock, one, 12, 0.0, BREED)
+    np.testing.assert_array_equal(np.sort(bred.genes.order, 1), np.tile(np.arange(N), (32, 1)))
+    assert (np.asarray(bred.genes.order)[:, : job.count] < job.count).all()
+    assert (np.asarray(bred.genes.turn)[:, : job.count] < loading.stock.ways[: job.count]).all()
+    assert (np.sort(bred.cost)[:6] <= np.sort(one.cost)[:6]).all(), "the elite stays"
+    assert np.median(bred.cost) < np.median(one.cost)
     # What the search ends with is what it has met at best, the policy's orders among it.
     ended = solve_job(job, replace(QUICK, time_limit=6.0), policy)
     fewest = min(len(set(row[row >= 0])) for row in np.asarray(both.bin))
@@ -98,7 +109,7 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
 def test_a_search_is_one_program():
     before = advance._cache_size()
     job = Job((ItemType((2.0, 2.0, 3.0), 9),), (BinType((5.0, 5.0, 5.0)),))
-    answers = iter([False, False])
+    answers = iter([False, False, False])  # one turn of those that breed, one of those that anneal
     *_, last = improve(job, SolveOptions(60.0), stop=lambda: next(answers, True))
     assert last.bins == 3 > last.bound
     assert last.packings > 32

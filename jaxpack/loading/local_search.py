@@ -2,7 +2,9 @@
 
 Every lane holds one order of the items, how each is turned, and in which sequence bins are
 opened; a round proposes one change per lane, packs it and keeps it if it is not worse by more
-than the temperature allows. Everything a lane holds is an order, the kernel is the judge.
+than the temperature allows. Or the lanes are a population, and a round is a generation of the
+genetic algorithm (Goncalves and Resende, 2011). Everything a lane holds is an order, the kernel
+is the judge.
 """
 
 from functools import partial
@@ -16,6 +18,7 @@ from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 
 WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
 UNPACKED = 1_000.0  # cost of leaving everything out
+ELITE, MUTANTS, BIAS = 0.2, 0.14, 0.7  # as in `solvers.brkga`
 
 
 class Stock(NamedTuple):
@@ -101,34 +104,37 @@ def cost_of(stock: Stock, bin: Array) -> Array:
     return price + WEIGHT_OF_FILL * (1 - even) + UNPACKED * missing
 
 
+AS_GIVEN, ANNEAL, BREED = range(3)
+"""What a round does: it packs the lanes as they are, to know what they cost; or goes on."""
+
+
 @partial(jax.jit, static_argnames="rules")
 def advance(
-    rules: ExactRules, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, as_given: Array
+    rules: ExactRules, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
 ) -> Lanes:
-    """So many rounds; then the worst quarter of the lanes go on from better ones.
+    """So many rounds; when annealing the worst quarter of the lanes then go on from better ones.
 
     The one program of a search: it takes seconds to compile.
 
     Args:
         rounds: int32[].
         heat: float32[], rises in cost of this size are accepted one time in three.
-        as_given: bool[], packs the lanes as they are instead, to know what they cost.
+        how: int32[], AS_GIVEN, ANNEAL or BREED.
     """
 
     def one_round(_: Array, lanes: Lanes) -> Lanes:
         key, change_key, coin_key = jax.random.split(lanes.key, 3)
         P = lanes.cost.shape[0]
-        keys = jax.random.split(change_key, P)
-        changed = jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin)
-        genes = jax.tree.map(lambda old, new: jnp.where(as_given, old, new), lanes.genes, changed)
+        rises = heat * jax.random.exponential(coin_key, (P,))
+        proposals = [_as_given, _annealed, _bred]
+        genes, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
         bin, corner, cost = pack_lanes(rules, stock, genes)
-        kept = cost <= lanes.cost + heat * jax.random.exponential(coin_key, (P,))
+        kept = cost <= lanes.cost + rises
         least = jnp.argmin(cost)
         tried = Best(
             jax.tree.map(lambda leaf: leaf[least], genes), bin[least], corner[least], cost[least]
         )
-        wins = tried.cost < lanes.best.cost
-        best = jax.tree.map(lambda new, old: jnp.where(wins, new, old), tried, lanes.best)
+        best = _better(lanes.best, tried)
         genes, bin, cost = jax.tree.map(
             lambda leaf, old: jnp.where(kept.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, old),
             (genes, bin, cost),
@@ -139,7 +145,8 @@ def advance(
     lanes = jax.lax.fori_loop(0, rounds, one_round, lanes)
     P = lanes.cost.shape[0]
     rank = jnp.argsort(lanes.cost)
-    source = jnp.where(as_given, jnp.arange(P), rank.at[P - P // 4 :].set(rank[: P // 4]))
+    better = rank.at[P - P // 4 :].set(rank[: P // 4])
+    source = jnp.where(how == ANNEAL, better, jnp.arange(P))
     genes, bin, cost = jax.tree.map(lambda leaf: leaf[source], (lanes.genes, lanes.bin, lanes.cost))
     return lanes._replace(genes=genes, bin=bin, cost=cost)
 
@@ -147,13 +154,95 @@ def advance(
 @jax.jit
 def join(lanes: Lanes, others: Lanes) -> Lanes:
     """The best of the lanes and of others, as many as there are lanes."""
-    mine, theirs = ((some.genes, some.bin, some.cost) for some in (lanes, others))
-    both = jax.tree.map(lambda one, other: jnp.concatenate([one, other]), mine, theirs)
-    rank = jnp.argsort(both[2])[: len(lanes.cost)]
-    genes, bin, cost = jax.tree.map(lambda leaf: leaf[rank], both)
-    wins = others.best.cost < lanes.best.cost
-    best = jax.tree.map(lambda new, old: jnp.where(wins, new, old), others.best, lanes.best)
-    return Lanes(lanes.key, genes, bin, cost, best)
+    both = _side_by_side(_held(lanes), _held(others))
+    genes, bin, cost = _cheapest(both, len(lanes.cost))
+    return Lanes(lanes.key, genes, bin, cost, _better(lanes.best, others.best))
+
+
+@jax.jit
+def exchange(one: Lanes, other: Lanes) -> tuple[Lanes, Lanes]:
+    """Either with the best quarter of the other in the place of its worst."""
+    P = one.cost.shape[0]
+    best = _better(one.best, other.best)
+
+    def visited(lanes: Lanes, guests: Lanes) -> Lanes:
+        stay, come = _cheapest(_held(lanes), P - P // 4), _cheapest(_held(guests), P // 4)
+        genes, bin, cost = _side_by_side(stay, come)
+        return Lanes(lanes.key, genes, bin, cost, best)
+
+    return visited(one, other), visited(other, one)
+
+
+Held = tuple[Genes, Array, Array]  # of some lanes: genes, bins and costs
+
+
+def _held(lanes: Lanes) -> Held:
+    return lanes.genes, lanes.bin, lanes.cost
+
+
+def _side_by_side(one: Held, other: Held) -> Held:
+    both: Held = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), one, other)
+    return both
+
+
+def _cheapest(held: Held, count: int) -> Held:
+    rank = jnp.argsort(held[2])[:count]
+    cheapest: Held = jax.tree.map(lambda leaf: leaf[rank], held)
+    return cheapest
+
+
+def _better(one: Best, other: Best) -> Best:
+    """The cheaper of two; of equally good ones the first."""
+    wins = other.cost < one.cost
+    return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, one)
+
+
+Proposals = tuple[Genes, Array]  # of every lane, and by how much more they may cost: float32 [P]
+
+
+def _as_given(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
+    return lanes.genes, rises
+
+
+def _annealed(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
+    keys = jax.random.split(key, lanes.cost.shape[0])
+    return jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin), rises
+
+
+def _bred(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
+    """The next generation: mutants, children, and the elite where no child of theirs is better."""
+    P = lanes.cost.shape[0]
+    elite, mutants = max(1, round(ELITE * P)), round(MUTANTS * P)
+    best_first = jnp.argsort(lanes.cost)
+    parents = jax.tree.map(lambda leaf: leaf[best_first], lanes.genes)
+    rank = jnp.argsort(best_first)
+    keys = jax.random.split(key, P)
+    born = jax.vmap(partial(_child, stock, elite, parents))(keys, rank >= P - mutants)
+    return born, jnp.where(rank < elite, 0, jnp.inf)
+
+
+def _child(stock: Stock, elite: int, parents: Genes, key: Array, mutant: Array) -> Genes:
+    """Parameterised uniform crossover of one of the elite and one other; a mutant is random.
+
+    An item's gene is its place in the order and how it is turned. `parents`: the best first.
+    """
+    keys = jax.random.split(key, 6)
+    P, N = parents.order.shape
+    mother = jax.random.randint(keys[0], (), 0, elite)
+    father = jax.random.randint(keys[1], (), elite, P)
+    inherits = jax.random.bernoulli(keys[2], BIAS, (N,))
+    place = jnp.arange(N, dtype=jnp.float32)
+
+    def places(parent: Array) -> Array:
+        return jnp.zeros(N).at[parents.order[parent]].set(place)
+
+    rank = jnp.where(inherits, places(mother), places(father))
+    rank = jnp.where(mutant, jax.random.uniform(keys[3], (N,)), rank)
+    turn = jnp.where(inherits, parents.turn[mother], parents.turn[father])
+    fresh = (jax.random.uniform(keys[4], (N,)) * stock.ways).astype(jnp.int32)
+    order = jnp.argsort(jnp.where(stock.mask, rank, N + place)).astype(jnp.int32)
+    pool = parents.pool[jnp.where(jax.random.bernoulli(keys[5], BIAS), mother, father)]
+    return Genes(order, jnp.where(mutant, fresh, turn), pool)
 
 
 def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:

@@ -20,10 +20,14 @@ from jaxpack.loading.figures import cost_bound, lower_bound, total_cost
 from jaxpack.loading.job import Job, Placement, Plan, Sides
 from jaxpack.loading.learned import policy_genes
 from jaxpack.loading.local_search import (
+    ANNEAL,
+    AS_GIVEN,
+    BREED,
     Best,
     Genes,
     Lanes,
     advance,
+    exchange,
     fresh_lanes,
     join,
 )
@@ -37,6 +41,7 @@ LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items t
 ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
 BREATH = 0.25  # seconds
 THREAD = "jaxpack plan"  # name of those that compile and search
+EXCHANGE = 4  # dispatches after which those that breed and those that anneal share their best
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
@@ -150,30 +155,31 @@ def _searches(
 
     def packed(genes: Genes) -> Lanes:
         lanes = fresh_lanes(jax.random.key(options.seed), genes)
-        return advance(rules, stock, lanes, jnp.int32(1), jnp.float32(0), jnp.bool(True))
+        return advance(rules, stock, lanes, jnp.int32(1), jnp.float32(0), jnp.int32(AS_GIVEN))
 
-    def dispatch(lanes: Lanes, rounds: int, heat: float) -> Lanes:
-        numbers = jnp.int32(rounds), jnp.float32(heat)
-        lanes = advance(rules, stock, lanes, *numbers, jnp.bool(False))
-        return jax.block_until_ready(lanes)
+    def dispatch(lanes: Lanes, how: int, rounds: int, heat: float) -> Lanes:
+        numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
+        return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
 
     lanes = packed(first_genes(loading, np.random.default_rng(options.seed), many))
     yield lanes.best, many
     drawn, seeds = None, list[Genes]()
     if policy:
         drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
-    islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, _cores())]
-    rounds, longest = 1, 0.0
+    # Two on every core, which take turns: the even ones breed, the odd ones anneal.
+    islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, 2 * _cores())]
+    turn, rounds, longest = 0, 1, 0.0
     while (spent := time.perf_counter() - begun) + longest < options.time_limit and not stop():
         heat = HEAT * (1 - spent / options.time_limit) ** 2
-        work = [_in_thread(partial(dispatch, lanes, rounds, heat)) for lanes in islands]
-        done = [task(options.time_limit - spent) for task in work]
-        if any(lanes is None for lanes in done):
+        how, now = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
+        work = [_in_thread(partial(dispatch, some, how, rounds, heat)) for some in now]
+        results = [task(options.time_limit - spent) for task in work]
+        done = [some for some in results if some is not None]
+        if len(done) < len(work):
             return
-        islands = [lanes for lanes in done if lanes is not None]
         took = time.perf_counter() - begun - spent
         longest = max(longest, took)
-        tried = many * rounds * len(islands)
+        tried = many * rounds * len(done)
         if 2 * took < BREATH:
             rounds = min(2 * rounds, ROUNDS)
         if drawn and (orders := drawn(0)) is not None:
@@ -181,9 +187,21 @@ def _searches(
             parts = range(0, len(orders.order), many)
             seeds = [jax.tree.map(lambda leaf: leaf[i : i + many], orders) for i in parts]  # noqa: B023
         if seeds:
-            islands[-1] = join(islands[-1], packed(seeds.pop()))
+            done[-1] = join(done[-1], packed(seeds.pop()))
             tried += many
-        yield min((lanes.best for lanes in islands), key=lambda best: float(best.cost)), tried
+        islands[turn % 2 :: 2] = done
+        turn += 1
+        if turn % EXCHANGE == 0:
+            islands = _exchanged(islands, turn // EXCHANGE % 2)
+        yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+
+
+def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
+    """After all neighbours from the first on have exchanged their best: the last one's is first."""
+    islands = islands[first:] + islands[:first]
+    pairs = zip(islands[::2], islands[1::2], strict=True)
+    islands = [lanes for pair in pairs for lanes in exchange(*pair)]
+    return islands[-first:] + islands[:-first] if first else islands
 
 
 def _decoded(loading: Loading, best: Best, left_out: tuple[int, ...]) -> Plan:
