@@ -127,7 +127,8 @@ def advance(
         P = lanes.cost.shape[0]
         rises = heat * jax.random.exponential(coin_key, (P,))
         proposals = [_as_given, _annealed, _bred]
-        genes, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
+        new, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
+        genes = Genes(jnp.argsort(new.place).astype(jnp.int32), new.turn, new.pool)
         bin, corner, cost = pack_lanes(rules, stock, genes)
         kept = cost <= lanes.cost + rises
         least = jnp.argmin(cost)
@@ -197,56 +198,64 @@ def _better(one: Best, other: Best) -> Best:
     return jax.tree.map(lambda new, old: jnp.where(wins, new, old), other, one)
 
 
-Proposals = tuple[Genes, Array]  # of every lane, and by how much more they may cost: float32 [P]
+class Proposals(NamedTuple):
+    """What is to be packed next in every lane. Sorting takes long to compile: it is left to one."""
+
+    place: Array  # float32 [P, N], by item: the smallest goes first, padding last
+    turn: Array  # int32 [P, N]
+    pool: Array  # int32 [P, S]
 
 
-def _as_given(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
-    return lanes.genes, rises
+def _as_given(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
+    return Proposals(_places(lanes.genes.order), lanes.genes.turn, lanes.genes.pool), rises
 
 
-def _annealed(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
+def _annealed(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
+    """One random change of every lane."""
     keys = jax.random.split(key, lanes.cost.shape[0])
     return jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin), rises
 
 
-def _bred(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> Proposals:
-    """The next generation: mutants, children, and the elite where no child of theirs is better."""
-    P = lanes.cost.shape[0]
-    elite, mutants = max(1, round(ELITE * P)), round(MUTANTS * P)
-    best_first = jnp.argsort(lanes.cost)
-    parents = jax.tree.map(lambda leaf: leaf[best_first], lanes.genes)
-    rank = jnp.argsort(best_first)
-    keys = jax.random.split(key, P)
-    born = jax.vmap(partial(_child, stock, elite, parents))(keys, rank >= P - mutants)
-    return born, jnp.where(rank < elite, 0, jnp.inf)
+def _bred(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
+    """The next generation: mutants, children, and the elite where no child of theirs is better.
 
-
-def _child(stock: Stock, elite: int, parents: Genes, key: Array, mutant: Array) -> Genes:
-    """Parameterised uniform crossover of one of the elite and one other; a mutant is random.
-
-    An item's gene is its place in the order and how it is turned. `parents`: the best first.
+    A child inherits every item's place and orientation from one of the elite or one other.
     """
-    keys = jax.random.split(key, 6)
-    P, N = parents.order.shape
-    mother = jax.random.randint(keys[0], (), 0, elite)
-    father = jax.random.randint(keys[1], (), elite, P)
-    inherits = jax.random.bernoulli(keys[2], BIAS, (N,))
-    place = jnp.arange(N, dtype=jnp.float32)
+    P, N = lanes.genes.order.shape
+    elite, mutants = max(1, round(ELITE * P)), round(MUTANTS * P)
+    lane = jnp.arange(P)
+    cost = lanes.cost
+    before = (cost < cost[:, None]) | ((cost == cost[:, None]) & (lane < lane[:, None]))
+    rank = before.sum(1)
+    best_first = jnp.zeros(P, jnp.int32).at[rank].set(lane)
+    coin_key, pair_key, fresh_key = jax.random.split(key, 3)
+    coins = jax.random.uniform(coin_key, (P, N + 1)) < BIAS
+    pairs = jax.random.uniform(pair_key, (2, P))
+    mother = best_first[(pairs[0] * elite).astype(jnp.int32)]
+    father = best_first[elite + (pairs[1] * (P - elite)).astype(jnp.int32)]
+    fresh = jax.random.uniform(fresh_key, (2, P, N))
+    mutant = (rank >= P - mutants)[:, None]
+    place, turn = (
+        jnp.where(mutant, new, jnp.where(coins[:, :N], old[mother], old[father]))
+        for new, old in (
+            (fresh[0] * N, _places(lanes.genes.order)),
+            ((fresh[1] * stock.ways).astype(jnp.int32), lanes.genes.turn),
+        )
+    )
+    pool = jnp.where(coins[:, N:], lanes.genes.pool[mother], lanes.genes.pool[father])
+    place = jnp.where(stock.mask, place, N + jnp.arange(N))
+    return Proposals(place, turn, pool), jnp.where(rank < elite, 0, jnp.inf)
 
-    def places(parent: Array) -> Array:
-        return jnp.zeros(N).at[parents.order[parent]].set(place)
 
-    rank = jnp.where(inherits, places(mother), places(father))
-    rank = jnp.where(mutant, jax.random.uniform(keys[3], (N,)), rank)
-    turn = jnp.where(inherits, parents.turn[mother], parents.turn[father])
-    fresh = (jax.random.uniform(keys[4], (N,)) * stock.ways).astype(jnp.int32)
-    order = jnp.argsort(jnp.where(stock.mask, rank, N + place)).astype(jnp.int32)
-    pool = parents.pool[jnp.where(jax.random.bernoulli(keys[5], BIAS), mother, father)]
-    return Genes(order, jnp.where(mutant, fresh, turn), pool)
+def _places(orders: Array) -> Array:
+    """Where every item stands: float32 [P, N]."""
+    P, N = orders.shape
+    return (
+        jnp.zeros((P, N)).at[jnp.arange(P)[:, None], orders].set(jnp.arange(N, dtype=jnp.float32))
+    )
 
 
-def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:
-    """One random change of one lane."""
+def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Proposals:
     keys = jax.random.split(key, 8)
     N, S = genes.order.shape[0], genes.pool.shape[0]
     count = stock.mask.sum()
@@ -262,7 +271,7 @@ def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:
     choice = jax.random.uniform(keys[1])
     rank = jnp.where(choice < 0.35, swapped, jnp.where(choice < 0.7, moved, place))
     rank = jnp.where((choice >= 0.7) & (choice < 0.8), dissolved, rank)
-    order = genes.order[jnp.argsort(jnp.where(jnp.arange(N) < count, rank, place))]
+    rank = jnp.where(jnp.arange(N) < count, rank, place)
     item = genes.order[one]
     turns = (choice >= 0.8) | (jax.random.uniform(keys[2]) < 0.1)
     way = jax.random.randint(keys[3], (), 0, stock.ways[item])
@@ -273,4 +282,4 @@ def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Genes:
     exchanged = genes.pool.at[first].set(genes.pool[second]).at[second].set(genes.pool[first])
     several = (stock.price.max() > stock.price.min()) | (stock.bins != stock.bins[0]).any()
     pool = jnp.where(several & (jax.random.uniform(keys[6]) < 0.2), exchanged, genes.pool)
-    return Genes(order, turn, pool)
+    return Proposals(jnp.zeros(N).at[genes.order].set(rank), turn, pool)

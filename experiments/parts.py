@@ -1,0 +1,105 @@
+"""What the parts of the search for a plan are worth: each with equally many packings.
+
+python experiments/parts.py     (20 minutes on one core)
+
+2D: of Berkey and Wang's and Martello and Vigo's classes the first instances of 60 and of 80 items.
+3D: every third one of Ivancic's. Seed 0, support 0.5. Writes results/parts.csv and prints a table:
+the bins in all, and the cost, in which a packing counts by how near it is to a bin less.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from public_instances import read_2bp, read_ivancic
+from rows import RESULTS, write_rows
+
+from jaxpack.cli import prepare_jax
+from jaxpack.learning.recipe import Policy
+from jaxpack.loading.job import Job
+from jaxpack.loading.learned import policy_genes
+from jaxpack.loading.local_search import (
+    ANNEAL,
+    AS_GIVEN,
+    BREED,
+    Genes,
+    Lanes,
+    advance,
+    exchange,
+    fresh_lanes,
+    join,
+)
+from jaxpack.loading.solver import EXCHANGE, HEAT, LANES, ROUNDS
+from jaxpack.loading.stock import first_genes, load_job
+from jaxpack.loading.units import units_of
+from jaxpack.solution import drawing_policy
+
+DATA = "experiments/data"
+DISPATCHES = {2: 40, 3: 12}  # of LANES * ROUNDS packings
+PARTS = {
+    "annealing": ((ANNEAL,), False, False),
+    "genetic algorithm": ((BREED,), False, False),
+    "in turns": ((BREED, ANNEAL), False, False),
+    "in turns, with exchange": ((BREED, ANNEAL), True, False),
+    "and the policy's orders": ((BREED, ANNEAL), True, True),
+}
+"""Who searches; whether they exchange their best; whether the policy's orders are there."""
+
+
+def instances() -> Iterator[Job]:
+    for job, known in read_2bp(f"{DATA}/2bp_berkey_wang_martello_vigo.json"):
+        if known["n"] in (60, 80) and job.name.endswith("-1"):
+            yield job
+    yield from read_ivancic(f"{DATA}/3bp_ivancic_thpack9.json")[::3]
+
+
+def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool) -> Lanes:
+    """The lanes at the end; their best is the best of all."""
+    loading, _ = load_job(job, units_of(job), 0.5, True, False)
+    step = partial(advance, loading.rules, loading.stock)
+
+    def packed(genes: Genes) -> Lanes:
+        lanes = fresh_lanes(jax.random.key(0), genes)
+        return step(lanes, jnp.int32(1), jnp.float32(0), jnp.int32(AS_GIVEN))
+
+    first = packed(first_genes(loading, np.random.default_rng(0), LANES))
+    if policy:
+        genes = policy_genes(loading, policy, 0)
+        for i in range(0, len(genes.order), LANES):
+            first = join(first, packed(jax.tree.map(lambda leaf: leaf[i : i + LANES], genes)))  # noqa: B023
+    islands = [first._replace(key=key) for key in jax.random.split(first.key, len(how))]
+    dispatches = DISPATCHES[job.dimension]
+    for turn in range(dispatches):
+        which = turn % len(how)
+        heat = HEAT * (1 - turn / dispatches) ** 2
+        numbers = jnp.int32(ROUNDS), jnp.float32(heat), jnp.int32(how[which])
+        islands[which] = step(islands[which], *numbers)
+        if sharing and (turn + 1) % EXCHANGE == 0:
+            islands = list(exchange(*islands))
+    return min(islands, key=lambda lanes: float(lanes.best.cost))
+
+
+def main() -> None:
+    prepare_jax()
+    rows = []
+    for job in instances():
+        for name, (how, sharing, drawing) in PARTS.items():
+            best = search(job, drawing_policy(job) if drawing else None, how, sharing).best
+            bins = len(set(np.asarray(best.bin).tolist()) - {-1})
+            rows.append(
+                {"dimension": job.dimension, "instance": job.name, "parts": name, "bins": bins}
+                | {"cost": round(float(best.cost), 3)}
+            )
+        print(job.name, [row["bins"] for row in rows[-len(PARTS) :]], flush=True)
+        write_rows(RESULTS / "parts.csv", rows)
+    for dimension in DISPATCHES:
+        for name in PARTS:
+            ours = [r for r in rows if (r["dimension"], r["parts"]) == (dimension, name)]
+            bins, cost = (sum(row[key] for row in ours) for key in ("bins", "cost"))
+            print(f"| {dimension}D, {len(ours)} instances | {name} | {bins} | {cost:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
