@@ -1,5 +1,6 @@
 """From a job to a plan: valid, in the time given, and no worse than its parts."""
 
+import threading
 import time
 from dataclasses import replace
 
@@ -11,9 +12,18 @@ from jaxpack.errors import UserError
 from jaxpack.loading.figures import plan_figures
 from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import AS_GIVEN, BREED, advance, exchange, fresh_lanes, join
+from jaxpack.loading.local_search import (
+    AS_GIVEN,
+    BREED,
+    advance,
+    exchange,
+    fresh_lanes,
+    join,
+    pack_lanes,
+)
+from jaxpack.loading.quick import quick_plans
 from jaxpack.loading.solver import SolveOptions, improve, solve_job, with_cheapest_bins
-from jaxpack.loading.stock import load_job
+from jaxpack.loading.stock import first_genes, load_job
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import check_plan
 from jaxpack.solution import drawing_policy
@@ -106,14 +116,54 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
     assert ended.bins <= fewest
 
 
+def after(turns):
+    """Ends a search after so many turns: the first of those that breed, then one that anneals."""
+    answers = iter([False] * turns)
+    return lambda: next(answers, True)
+
+
 def test_a_search_is_one_program():
     before = advance._cache_size()
     job = Job((ItemType((2.0, 2.0, 3.0), 9),), (BinType((5.0, 5.0, 5.0)),))
-    answers = iter([False, False, False])  # one turn of those that breed, one of those that anneal
-    *_, last = improve(job, SolveOptions(60.0), stop=lambda: next(answers, True))
+    *_, last = improve(job, SolveOptions(60.0), stop=after(2))
     assert last.bins == 3 > last.bound
     assert last.packings > 32
     assert advance._cache_size() == before + 1
+
+
+@pytest.mark.parametrize(("dimension", "support"), [(2, 0.5), (3, 0.7), (3, 0.0)])
+def test_plans_made_without_compiling_are_those_of_the_kernel(dimension, support):
+    items, pallet = cartons(3, kinds=9), replace(PALLET, max_weight=60.0)
+    other = replace(pallet, size=(450.0, 600.0, 500.0), copies=2, cost=2.0)
+    if dimension == 2:
+        items, pallet, other = tuple(map(flat, items)), flat(pallet), flat(other)
+    job = Job(items, (other, pallet), dimension)
+    loading, _ = load_job(job, units_of(job), support, True, False)
+    genes = first_genes(loading, np.random.default_rng(0), 32)
+    packed = jax.jit(pack_lanes, static_argnums=0)(loading.rules, loading.stock, genes)
+    plans = list(quick_plans(loading, genes, lambda: False, time.perf_counter() + 60))
+    assert len(plans) == 3
+    for lane, plan in zip((0, 4, 8), plans, strict=True):
+        bin, corner, cost = (leaf[lane] for leaf in packed)
+        np.testing.assert_array_equal(plan.bin[: job.count], bin[: job.count])
+        np.testing.assert_array_equal(plan.corner[: job.count], corner[: job.count])
+        np.testing.assert_allclose(plan.cost, cost, rtol=1e-6)
+    assert list(quick_plans(loading, genes, lambda: True, 0)) == []
+    assert len(list(quick_plans(loading, genes, lambda: False, 0))) == 1
+
+
+def test_a_plan_is_there_when_the_time_is_up_though_nothing_is_compiled(monkeypatch):
+    compiling = threading.Event()
+    monkeypatch.setattr("jaxpack.loading.solver.advance", lambda *_: compiling.wait(30))
+    job = Job(cartons(4), (PALLET,))
+    try:
+        begun = time.perf_counter()
+        plan = solve_job(job, SolveOptions(time_limit=0.5)).plan
+        assert time.perf_counter() - begun < 10, "it waited for the compiler"
+        check_plan(job, plan)
+        assert sum(len(packed.placements) for packed in plan.bins) == job.count
+    finally:
+        compiling.set()
 
 
 def test_the_weight_limit_binds():
@@ -134,7 +184,9 @@ def test_the_cheapest_bins_are_used_and_their_copies_respected():
         BinType((9.0, 9.0, 9.0), cost=100.0),
     )
     job = Job(items, bins)
-    plan = solve_job(job, replace(QUICK, time_limit=2.0)).plan
+    *_, last = cheaper = list(improve(job, SolveOptions(60.0), stop=after(2)))
+    assert [one.cost for one in cheaper] == sorted((one.cost for one in cheaper), reverse=True)
+    plan = last.plan
     check_plan(job, plan)
     # Two pairs at 4 each and two single ones at 3 each; six single ones would be 18.
     assert plan_figures(job, plan).cost == pytest.approx(14)

@@ -5,9 +5,9 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from queue import Empty, Queue
 from typing import TypeVar
 
 import jax
@@ -31,6 +31,7 @@ from jaxpack.loading.local_search import (
     fresh_lanes,
     join,
 )
+from jaxpack.loading.quick import quick_plans
 from jaxpack.loading.stock import Loading, first_genes, load_job, plan_of
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import check_plan
@@ -155,13 +156,21 @@ def _searches(
 
     def packed(genes: Genes) -> Lanes:
         lanes = fresh_lanes(jax.random.key(options.seed), genes)
-        return advance(rules, stock, lanes, jnp.int32(1), jnp.float32(0), jnp.int32(AS_GIVEN))
+        numbers = jnp.int32(1), jnp.float32(0), jnp.int32(AS_GIVEN)
+        return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
 
     def dispatch(lanes: Lanes, how: int, rounds: int, heat: float) -> Lanes:
         numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
         return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
 
-    lanes = packed(first_genes(loading, np.random.default_rng(options.seed), many))
+    genes = first_genes(loading, np.random.default_rng(options.seed), many)
+    first = _in_thread(partial(packed, genes))
+    end = begun + options.time_limit
+    for best in quick_plans(loading, genes, first.done, end):
+        yield best, 1
+    lanes = _within(end - time.perf_counter(), first)
+    if lanes is None:
+        return
     yield lanes.best, many
     drawn, seeds = None, list[Genes]()
     if policy:
@@ -173,17 +182,16 @@ def _searches(
         heat = HEAT * (1 - spent / options.time_limit) ** 2
         how, now = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
         work = [_in_thread(partial(dispatch, some, how, rounds, heat)) for some in now]
-        results = [task(options.time_limit - spent) for task in work]
+        results = [_within(options.time_limit - spent, task) for task in work]
         done = [some for some in results if some is not None]
         if len(done) < len(work):
             return
         took = time.perf_counter() - begun - spent
-        longest = max(longest, took)
         tried = many * rounds * len(done)
         if 2 * took < BREATH:
             rounds = min(2 * rounds, ROUNDS)
-        if drawn and (orders := drawn(0)) is not None:
-            drawn = None
+        if drawn and drawn.done():
+            orders, drawn = drawn.result(), None
             parts = range(0, len(orders.order), many)
             seeds = [jax.tree.map(lambda leaf: leaf[i : i + many], orders) for i in parts]  # noqa: B023
         if seeds:
@@ -193,6 +201,7 @@ def _searches(
         turn += 1
         if turn % EXCHANGE == 0:
             islands = _exchanged(islands, turn // EXCHANGE % 2)
+        longest = max(longest, time.perf_counter() - begun - spent)
         yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
 
 
@@ -211,32 +220,28 @@ def _decoded(loading: Loading, best: Best, left_out: tuple[int, ...]) -> Plan:
     return with_cheapest_bins(loading.job, plan_of(loading, order, turn, bin, corner, left_out))
 
 
-def _in_thread(work: Callable[[], T]) -> Callable[[float], T | None]:
-    """Begins the work; what comes back waits for it so many seconds, and gives None if in vain.
+def _in_thread(work: Callable[[], T]) -> Future[T]:
+    """Begins the work.
 
     Nobody waits for a compilation that came too late but the interpreter, at its end: it would
     fall over one that is under way.
     """
-    results: Queue[T | BaseException] = Queue()
+    future: Future[T] = Future()
 
     def run() -> None:
         try:
-            results.put(work())
+            future.set_result(work())
         except BaseException as error:
-            results.put(error)
+            future.set_exception(error)
 
     threading.Thread(target=run, name=THREAD).start()
+    return future
 
-    def result(seconds: float) -> T | None:
-        try:
-            outcome = results.get(timeout=max(seconds, 0))
-        except Empty:
-            return None
-        if isinstance(outcome, BaseException):
-            raise outcome
-        return outcome
 
-    return result
+def _within(seconds: float, future: Future[T]) -> T | None:
+    """What comes of it, None if not in so many seconds."""
+    wait((future,), max(seconds, 0))
+    return future.result() if future.done() else None
 
 
 def _cores() -> int:
