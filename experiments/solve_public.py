@@ -15,7 +15,7 @@ from rows import RESULTS, read_rows, write_rows
 from jaxpack.cli import prepare_jax
 from jaxpack.loading.classes import mpv
 from jaxpack.loading.job import Job
-from jaxpack.loading.solver import SolveOptions, improve
+from jaxpack.loading.solver import SolveOptions, solve_job
 from jaxpack.solution import drawing_policy
 
 DATA = "experiments/data"
@@ -67,10 +67,8 @@ def main() -> None:
         policy = drawing_policy(job) if options.policy else None
         settings = SolveOptions(options.seconds, options.seed, options.support)
         began = time.perf_counter()
-        plans = list(improve(job, settings, policy))
-        found = plans[-1]
-        row = {"instance": job.name, **about, "bins": found.bins, "sorts": plans[0].bins}
-        row |= {"lower_bound": found.bound}
+        found = solve_job(job, settings, policy)
+        row = {"instance": job.name, **about, "bins": found.bins, "lower_bound": found.bound}
         row |= {"seconds": round(time.perf_counter() - began, 2), "packings": found.packings}
         rows.append(row | {"limited_by": found.limited_by, "limit": options.seconds})
         print(rows[-1], flush=True)

@@ -4,6 +4,7 @@ import math
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
@@ -177,8 +178,8 @@ def _searches(
         drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
     # Two on every core, which take turns: the even ones breed, the odd ones anneal.
     islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, 2 * _cores())]
-    turn, rounds, longest = 0, 1, 0.0
-    while (spent := time.perf_counter() - begun) + longest < options.time_limit and not stop():
+    turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
+    while (spent := time.perf_counter() - begun) + max(lasted) < options.time_limit and not stop():
         heat = HEAT * (1 - spent / options.time_limit) ** 2
         how, now = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
         work = [_in_thread(partial(dispatch, some, how, rounds, heat)) for some in now]
@@ -201,7 +202,7 @@ def _searches(
         turn += 1
         if turn % EXCHANGE == 0:
             islands = _exchanged(islands, turn // EXCHANGE % 2)
-        longest = max(longest, time.perf_counter() - begun - spent)
+        lasted.append(time.perf_counter() - begun - spent)
         yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
 
 
