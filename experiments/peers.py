@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from public_instances import read_2bp, read_ivancic
 from rows import RESULTS, read_rows, write_rows
 
@@ -38,8 +39,9 @@ from jaxpack.loading.exact import common_scale, exact
 from jaxpack.loading.figures import lower_bound
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.solver import SolveOptions, solve_job
-from jaxpack.loading.stock import load_job
+from jaxpack.loading.local_search import AS_GIVEN, exchange, fresh_lanes
+from jaxpack.loading.solver import LANES, dispatch
+from jaxpack.loading.stock import first_genes, load_job
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import plan_violations
 from jaxpack.solution import drawing_policy
@@ -408,8 +410,9 @@ def warm_up(job: Job, support: float, seed: int) -> None:
     if (shapes, loading.rules) not in compiled():
         compiled().add((shapes, loading.rules))
         policy_genes(loading, drawing_policy(job), seed)
-        # The first plan is waited for, whatever the limit.
-        solve_job(job, SolveOptions(time_limit=0.01, seed=seed, support=support))
+        genes = first_genes(loading, np.random.default_rng(seed), LANES)
+        lanes = dispatch(loading, fresh_lanes(jax.random.key(seed), genes), AS_GIVEN, 1, 0.0, genes)
+        jax.block_until_ready(exchange(lanes, lanes))
 
 
 @cache

@@ -5,6 +5,7 @@ python experiments/ship.py RUN bin-aware-2d
 Writes jaxpack/weights/NAME.npz and .json, and the run's learning curve to results/train-NAME.csv.
 """
 
+import json
 import os
 import platform
 import sys
@@ -16,7 +17,7 @@ from rows import RESULTS, write_rows
 from jaxpack import preset
 from jaxpack.errors import UserError
 from jaxpack.files.runs import RunConfig, read_lines, read_policy, read_run
-from jaxpack.files.weights import save_policy
+from jaxpack.files.weights import save_policy, shipped_policies
 
 ROOT = Path(__file__).parent.parent
 COLUMNS = ("kind", "update", "cost", "compactness", "pyramid", "bins", "entropy")
@@ -57,8 +58,11 @@ def main() -> None:
         f"{os.cpu_count()}, {platform.machine()}",
         "minutes": round(chunks[-1]["seconds"] / 60, 1),
     }
-    save_policy(ROOT / "jaxpack" / "weights" / f"{name}.npz", read_policy(run), provenance)
-    print(provenance)
+    weights = ROOT / "jaxpack" / "weights"
+    if config.start_from in shipped_policies():  # the one it began with may be the one it replaces
+        provenance["started_from"] = json.loads((weights / f"{config.start_from}.json").read_text())
+    save_policy(weights / f"{name}.npz", read_policy(run), provenance)
+    print(provenance["command"], provenance["minutes"])
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ class Solution:
     rounding: float  # share by which rounding their sides up adds to the items' volume
     seconds: float
     packings: int  # that were tried
-    limited_by: str  # what ended the search: "time", "the bound" or "an interrupt"
+    limited_by: str  # what ended the search: "time ...", "the bound" or "an interrupt"
 
     @property
     def gap(self) -> float | None:

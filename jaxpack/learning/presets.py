@@ -48,6 +48,12 @@ RANGE = (
     Cell((16, 16, 16), Distribution(items=60, low=1, high=5)),
     Cell((20, 20, 20), Distribution(items=100, low=1, high=5)),
 )
+RANGE_3D = (
+    *RANGE,
+    # A bin that every order fills: only the height matters.
+    Cell((12, 12, 12), Distribution(items=80, low=1, high=5)),
+    Cell((20, 20, 20), Distribution(items=80, low=1, high=5)),
+)
 
 # What `jaxpack.solve` makes of a bin and of items that may be turned.
 TURNED_2D = (
@@ -74,7 +80,7 @@ PRESETS = {
         BIN_AWARE, train_instances=80_640, learning_rate=5e-3, credit="bin", others=RANGE
     ),
     "bin-aware-3d-range": replace(
-        BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE
+        BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE_3D
     ),
     "bin-aware-2d-turned": replace(
         BIN_AWARE, train_instances=38_400, learning_rate=5e-3, credit="bin", others=TURNED_2D

@@ -1,10 +1,9 @@
-"""The judge without a grid once more, in NumPy: plans that are there before anything is compiled.
+"""The judge without a grid once more, in NumPy: plans that are there before the search is compiled.
 
 The same placements as `pack_exact` to the unit, at a thousandth of its speed.
 """
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -12,11 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpack.loading.local_search import Best, Genes, cost_of
-from jaxpack.loading.stock import Loading
+from jaxpack.loading.stock import Loading, first_genes
 from jaxpack.packing.first_fit_exact import SLACK, ExactRules
 from jaxpack.packing.problem import area_needed
+from jaxpack.packing.top_faces import NOWHERE
 
-PLANS = 3  # at most: the compiler needs the cores too
+LANES = (0, 4, 9)  # of the first genes: by volume as given, by area lying flat, by height turned
+TABLE = 2**21  # numbers that a table of places may have
+
 Place = tuple[int, int, int]
 
 
@@ -29,41 +31,28 @@ class Rows(NamedTuple):
     limit: np.ndarray  # int [S]
 
 
-def quick_plans(
-    loading: Loading, genes: Genes, compiled: Callable[[], bool], end: float
-) -> Iterator[Best]:
-    """A few of the sorts, until the search is compiled or it is late; one of them in any case.
-
-    Args:
-        loading: the job.
-        genes: from `first_genes`.
-        compiled: whether the plans are not wanted any more.
-        end: when it is late, by `time.perf_counter`.
-    """
+def quick_plan(loading: Loading, seed: int, lane: int, stop: Callable[[], bool]) -> Best | None:
+    """One of the sorts, such as one of LANES; None if `stop` said so before it was packed."""
+    genes = first_genes(loading, np.random.default_rng(seed), lane + 1)
+    chosen: Genes = jax.tree.map(lambda leaf: leaf[lane], genes)
+    order, turn, pool = map(np.asarray, chosen)
     stock = jax.tree.map(np.asarray, loading.stock)
-    for plan in range(PLANS):
-        lane = 4 * plan  # another key, and other sides down
-        order, turn, pool = (np.asarray(leaf[lane]) for leaf in genes)
-        items = order[stock.mask[order]]
-        size, weight = stock.sizes[items, turn[items]], stock.weight[items]
-        packed = pack_quickly(
-            loading.rules,
-            Rows(size, weight, stock.bins[pool], stock.limit[pool]),
-            lambda: compiled() or (plan > 0 and time.perf_counter() > end),  # noqa: B023
-        )
-        if packed is None:
-            return
-        slot = np.full(len(order), -1, np.int32)
-        slot[items] = np.where(packed[0] >= 0, pool[packed[0]], -1)
-        corner = np.zeros((len(order), 3), np.int32)
-        corner[items] = packed[1]
-        bin = jnp.asarray(slot)
-        chosen: Genes = jax.tree.map(lambda leaf: leaf[lane], genes)  # noqa: B023
-        yield Best(chosen, bin, jnp.asarray(corner), cost_of(loading.stock, bin[None])[0])
+    items = order[stock.mask[order]]
+    size, weight = stock.sizes[items, turn[items]], stock.weight[items]
+    rows = Rows(size, weight, stock.bins[pool], stock.limit[pool])
+    packed = pack_quickly(loading.rules, rows, stop)
+    if packed is None:
+        return None
+    slot = np.full(len(order), -1, np.int32)
+    slot[items] = np.where(packed[0] >= 0, pool[packed[0]], -1)
+    corner = np.zeros((len(order), 3), np.int32)
+    corner[items] = packed[1]
+    bin = jnp.asarray(slot)
+    return Best(chosen, bin, jnp.asarray(corner), cost_of(loading.stock, bin[None])[0])
 
 
 def pack_quickly(
-    rules: ExactRules, rows: Rows, stop: Callable[[], bool] = lambda: False
+    rules: ExactRules, rows: Rows, stop: Callable[[], bool]
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(bin int32 [N], -1 for what was not packed, corner int32 [N, 3]) by row.
 
@@ -115,13 +104,18 @@ def _lowest(
         return None
     over_x = np.minimum(xs[:, None] + size[0], far_x) - np.maximum(xs[:, None], near_x)
     over_y = np.minimum(ys[:, None] + size[1], far_y) - np.maximum(ys[:, None], near_y)
-    area = np.maximum(over_y, 0)[:, None] * np.maximum(over_x, 0)  # [Y, X, faces]
-    under = np.where(area > 0, top, 0)
-    z = under.max(2, initial=0)
-    carried = np.where(under == z[:, :, None], area, 0).sum(2)
-    carried = np.where(z == 0, size[0] * size[1], carried)  # the floor
-    z = np.where((carried >= needed) & (z <= room[2] - size[2]), z, np.iinfo(np.int64).max)
-    row, column = divmod(int(z.argmin()), len(xs))  # the first of the lowest: by y, then by x
-    if z[row, column] > room[2]:
-        return None
-    return int(xs[column]), int(ys[row]), int(z[row, column])
+    best = None
+    rows = max(1, TABLE // max(over_x.size, 1))
+    for first in range(0, len(ys), rows):
+        beside = np.maximum(over_y[first : first + rows], 0)
+        area = beside[:, None] * np.maximum(over_x, 0)  # [Y, X, faces]
+        under = np.where(area > 0, top, 0)
+        z = under.max(2, initial=0)
+        carried = np.where(under == z[:, :, None], area, 0).sum(2)
+        carried = np.where(z == 0, size[0] * size[1], carried)  # the floor
+        z = np.where((carried >= needed) & (z <= room[2] - size[2]), z, NOWHERE)
+        row, column = divmod(int(z.argmin()), len(xs))  # the first of the lowest: by y, then by x
+        lowest = int(z[row, column])
+        if lowest < (NOWHERE if best is None else best[2]):
+            best = int(xs[column]), int(ys[first + row]), lowest
+    return best

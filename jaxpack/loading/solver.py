@@ -5,7 +5,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,7 +32,8 @@ from jaxpack.loading.local_search import (
     fresh_lanes,
     join,
 )
-from jaxpack.loading.quick import quick_plans
+from jaxpack.loading.quick import LANES as QUICK
+from jaxpack.loading.quick import quick_plan
 from jaxpack.loading.stock import Loading, first_genes, load_job, plan_of
 from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import check_plan
@@ -68,7 +69,7 @@ class Progress:
     bound: int  # no plan has fewer bins
     seconds: float  # since the start
     packings: int  # tried so far
-    limited_by: str = "time"  # what ends the search: time, or the bound being reached
+    limited_by: str = "time"  # what ends the search
 
 
 def solve_job(
@@ -97,7 +98,7 @@ def improve(
 
     Args:
         policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
-        stop: asked after every fraction of a second; ends the search early.
+        stop: asked before every turn of the search, once it is compiled; ends it early.
 
     Raises:
         UserError: where an item fits no bin.
@@ -108,18 +109,25 @@ def improve(
     loading, left_out = load_job(job, units, options.support, True, options.skip_unfit)
     slack = 0.0 if units.exact else float(units.length)
     goal = _Goal(job, lower_bound(job), cost_bound(job), len(left_out))
-    packings, best_cost = 0, math.inf
+    packings, best_cost, best_worth = 0, math.inf, (math.inf, math.inf)
     for best, tried in _searches(loading, options, policy, begun, stop):
         packings += tried
-        if float(best.cost) < best_cost - 1e-6:
-            best_cost = float(best.cost)
-            plan = _decoded(loading, best, left_out)
-            check_plan(job, plan, options.support, True, slack)
-            reached = goal.reached_by(plan)
-            yield _progress(goal, plan, begun, packings, "the bound" if reached else "time")
-            if reached:
-                return
-    yield _progress(goal, plan, begun, packings, "an interrupt" if stop() else "time")
+        if float(best.cost) > best_cost - 1e-6:
+            continue
+        best_cost = float(best.cost)
+        found = _decoded(loading, best, left_out)
+        # What the search compares is without the exchange of bins for cheaper ones.
+        if (worth := (len(found.left_out), total_cost(job, found))) > best_worth:
+            continue
+        plan, best_worth = found, worth
+        check_plan(job, plan, options.support, True, slack)
+        reached = goal.reached_by(plan)
+        yield _progress(goal, plan, begun, packings, "the bound" if reached else "time")
+        if reached:
+            return
+    compiling = packings <= len(QUICK)
+    ended = "time, which went into compiling" if compiling else "time"
+    yield _progress(goal, plan, begun, packings, "an interrupt" if stop() else ended)
 
 
 @dataclass(frozen=True)
@@ -151,59 +159,84 @@ def _searches(
     begun: float,
     stop: Callable[[], bool],
 ) -> Iterator[tuple[Best, int]]:
-    """(the best packing so far, packings tried since the last time), until the time is up."""
-    stock, rules = loading.stock, loading.rules
-    many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
-
-    def packed(genes: Genes) -> Lanes:
-        lanes = fresh_lanes(jax.random.key(options.seed), genes)
-        numbers = jnp.int32(1), jnp.float32(0), jnp.int32(AS_GIVEN)
-        return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
-
-    def dispatch(lanes: Lanes, how: int, rounds: int, heat: float) -> Lanes:
-        numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-        return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
-
-    genes = first_genes(loading, np.random.default_rng(options.seed), many)
-    first = _in_thread(partial(packed, genes))
+    """(a packing, the best one of the search, packings tried since), until the time is up."""
     end = begun + options.time_limit
-    for best in quick_plans(loading, genes, first.done, end):
-        yield best, 1
-    lanes = _within(end - time.perf_counter(), first)
+    many = LANES if len(loading.stock.mask) <= MANY_ITEMS else FEW_LANES
+    lanes = yield from _first_lanes(loading, options.seed, many, end)
     if lanes is None:
         return
-    yield lanes.best, many
     drawn, seeds = None, list[Genes]()
     if policy:
         drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
     # Two on every core, which take turns: the even ones breed, the odd ones anneal.
     islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, 2 * _cores())]
     turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
-    while (spent := time.perf_counter() - begun) + max(lasted) < options.time_limit and not stop():
-        heat = HEAT * (1 - spent / options.time_limit) ** 2
-        how, now = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
-        work = [_in_thread(partial(dispatch, some, how, rounds, heat)) for some in now]
-        results = [_within(options.time_limit - spent, task) for task in work]
+    while (now := time.perf_counter()) + max(lasted) < end and not stop():
+        heat = HEAT * ((end - now) / options.time_limit) ** 2
+        how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
+        guests = [None] * (len(mine) - 1) + [seeds.pop() if seeds else None]
+        work = [
+            _in_thread(partial(dispatch, loading, some, how, rounds, heat, others))
+            for some, others in zip(mine, guests, strict=True)
+        ]
+        results = [_within(end - time.perf_counter(), task) for task in work]
         done = [some for some in results if some is not None]
         if len(done) < len(work):
             return
-        took = time.perf_counter() - begun - spent
-        tried = many * rounds * len(done)
-        if 2 * took < BREATH:
+        tried = many * (rounds * len(done) + bool(guests[-1]))
+        if 2 * (time.perf_counter() - now) < BREATH:
             rounds = min(2 * rounds, ROUNDS)
         if drawn and drawn.done():
             orders, drawn = drawn.result(), None
             parts = range(0, len(orders.order), many)
             seeds = [jax.tree.map(lambda leaf: leaf[i : i + many], orders) for i in parts]  # noqa: B023
-        if seeds:
-            done[-1] = join(done[-1], packed(seeds.pop()))
-            tried += many
         islands[turn % 2 :: 2] = done
         turn += 1
         if turn % EXCHANGE == 0:
             islands = _exchanged(islands, turn // EXCHANGE % 2)
-        lasted.append(time.perf_counter() - begun - spent)
+        lasted.append(time.perf_counter() - now)
         yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+
+
+def _first_lanes(
+    loading: Loading, seed: int, many: int, end: float
+) -> Generator[tuple[Best, int], None, Lanes | None]:
+    """Plans until the search is compiled; returns its first lanes, None if time was up before."""
+    # The first plan of a small job is made at once: it may be all that it takes.
+    early = int(many == LANES)
+    for lane in QUICK[:early]:
+        if best := quick_plan(loading, seed, lane, lambda: False):
+            yield best, 1
+    fresh = first_genes(loading, np.random.default_rng(seed), many)
+    lanes = fresh_lanes(jax.random.key(seed), fresh)
+    compiled = _in_thread(partial(dispatch, loading, lanes, AS_GIVEN, 1, 0.0))
+    for number, lane in enumerate(QUICK[early:], early):
+
+        def unwanted(first: bool = number == 0) -> bool:
+            return compiled.done() or (not first and time.perf_counter() > end)
+
+        if best := quick_plan(loading, seed, lane, unwanted):
+            yield best, 1
+    first = _within(end - time.perf_counter(), compiled)
+    if first is not None:
+        yield first.best, many
+    return first
+
+
+def dispatch(
+    loading: Loading,
+    lanes: Lanes,
+    how: int,
+    rounds: int,
+    heat: float,
+    guests: Genes | None = None,
+) -> Lanes:
+    """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
+    if guests:
+        others = dispatch(loading, fresh_lanes(lanes.key, guests), AS_GIVEN, 1, 0.0)
+        lanes = join(lanes, others)
+    numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
+    return jax.block_until_ready(advance(loading.rules, loading.stock, lanes, *numbers))
 
 
 def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
