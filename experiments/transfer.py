@@ -1,6 +1,6 @@
 """The policies of a range on other item counts, sides and bins, without retraining.
 
-python experiments/transfer.py 2d|3d [INSTANCES]     (10 and 30 minutes on one core)
+python experiments/transfer.py 2d|3d [INSTANCES]     (15 and 30 minutes on one core)
 
 Writes results/transfer-DIM.csv: in every cell the policy, greedy, as the best of 16 samples and
 with a small search, beside the best fixed order.
@@ -27,7 +27,7 @@ FIXED = ("volume", "footprint", "height")
 # (bin, sides): the sides vary in bins of 10, the bins with sides 1-5.
 PLACES = [(10, (1, 5)), (10, (2, 5)), (10, (1, 8)), (8, (1, 5)), (12, (1, 5)), (20, (1, 5))]
 
-WIDTH, DRAWS = 4, 4  # of the search
+WIDTH, DRAWS = 4, 2  # of the search: 32 draws in its four rounds
 
 
 def row_of(dimension: str, items: int, bin: int, sides: tuple[int, int], instances: int) -> dict:

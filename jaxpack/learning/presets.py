@@ -50,7 +50,7 @@ RANGE = (
 )
 RANGE_3D = (
     *RANGE,
-    # A bin that every order fills: only the height matters.
+    # Every order takes two bins, or one: only the heights matter.
     Cell((12, 12, 12), Distribution(items=80, low=1, high=5)),
     Cell((20, 20, 20), Distribution(items=80, low=1, high=5)),
 )

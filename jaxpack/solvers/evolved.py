@@ -25,9 +25,10 @@ def evolved(
     objective: Objective,
     generations: int,
 ) -> Search:
-    """A round is one of `search` and so many generations of `breeding`, from `genetic`.
+    """A round is one of `search` and so many generations of `breeding`, a smaller one a generation.
 
     Args:
+        breeding: from `genetic`.
         finds: the search's state -> int32 [B, K, N], the orders that breed, the best one first.
     """
 

@@ -24,7 +24,7 @@ Draw = Callable[[Array, Instance], Array]
 
 
 class Search(NamedTuple):
-    """Three pure functions; more rounds are never worse."""
+    """Pure functions; more rounds are never worse."""
 
     start: Callable[[Array, Instance], Any]  # (keys [B], instances) -> state
     advance: Callable[[Instance, Any], Any]  # (instances, state) -> state after one more round
