@@ -31,7 +31,7 @@ BUDGETS = {
         10.0: (4, 8, 16, 80, 200),
     },
     "3d": {
-        0.01: (256, 5, 1, 1, 20),
+        0.01: (256, 4, 1, 1, 16),
         0.1: (64, 2, 4, 1, 50),
         1.0: (16, 8, 16, 20, 100),
         10.0: (4, 16, 32, 40, 200),
@@ -79,7 +79,8 @@ def draw(dimension: str, rows: list[dict]) -> None:
         axis.set_xscale("log")
         axis.set_xlabel("seconds per instance, one core")
         axis.grid(alpha=0.3)
-    axes[0].legend()
+    lines, names = axes[0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside lower center", ncols=len(names))
     figure.suptitle(f"{dimension.upper()}: quality against time")
     figure.savefig(RESULTS / f"quality-time-{dimension}.png", dpi=120)
 
