@@ -201,23 +201,26 @@ def _searches(
 def _first_lanes(
     loading: Loading, seed: int, many: int, end: float
 ) -> Generator[tuple[Best, int], None, Lanes | None]:
-    """Plans until the search is compiled; returns its first lanes, None if time was up before."""
+    """Plans until the search is compiled; returns its first lanes, None if time was up before.
+
+    In NumPy many items would take longer than the compiler: for the first plan of such a job it is
+    waited for.
+    """
+    few = many == LANES
     # The first plan of a small job is made at once: it may be all that it takes.
-    early = int(many == LANES)
-    for lane in QUICK[:early]:
-        if best := quick_plan(loading, seed, lane, lambda: False):
-            yield best, 1
+    if few and (best := quick_plan(loading, seed, QUICK[0], lambda: False)):
+        yield best, 1
     fresh = first_genes(loading, np.random.default_rng(seed), many)
     lanes = fresh_lanes(jax.random.key(seed), fresh)
     compiled = _in_thread(partial(dispatch, loading, lanes, AS_GIVEN, 1, 0.0))
-    for number, lane in enumerate(QUICK[early:], early):
 
-        def unwanted(first: bool = number == 0) -> bool:
-            return compiled.done() or (not first and time.perf_counter() > end)
+    def unwanted() -> bool:
+        return compiled.done() or time.perf_counter() > end
 
+    for lane in QUICK[1:] if few else ():
         if best := quick_plan(loading, seed, lane, unwanted):
             yield best, 1
-    first = _within(end - time.perf_counter(), compiled)
+    first = _within(end - time.perf_counter(), compiled) if few else compiled.result()
     if first is not None:
         yield first.best, many
     return first
