@@ -201,26 +201,21 @@ def _searches(
 def _first_lanes(
     loading: Loading, seed: int, many: int, end: float
 ) -> Generator[tuple[Best, int], None, Lanes | None]:
-    """Plans until the search is compiled; returns its first lanes, None if time was up before.
-
-    In NumPy many items would take longer than the compiler: for the first plan of such a job it is
-    waited for.
-    """
-    few = many == LANES
-    # The first plan of a small job is made at once: it may be all that it takes.
-    if few and (best := quick_plan(loading, seed, QUICK[0], lambda: False)):
+    """Plans until the search is compiled; returns its first lanes, None if time was up before."""
+    # The first plan is made at once: it may be all that it takes.
+    if best := quick_plan(loading, seed, QUICK[0], lambda: False):
         yield best, 1
-    fresh = first_genes(loading, np.random.default_rng(seed), many)
-    lanes = fresh_lanes(jax.random.key(seed), fresh)
+    genes = first_genes(loading, np.random.default_rng(seed), many)
+    lanes = fresh_lanes(jax.random.key(seed), genes)
     compiled = _in_thread(partial(dispatch, loading, lanes, AS_GIVEN, 1, 0.0))
 
     def unwanted() -> bool:
         return compiled.done() or time.perf_counter() > end
 
-    for lane in QUICK[1:] if few else ():
+    for lane in QUICK[1:]:
         if best := quick_plan(loading, seed, lane, unwanted):
             yield best, 1
-    first = _within(end - time.perf_counter(), compiled) if few else compiled.result()
+    first = _within(end - time.perf_counter(), compiled)
     if first is not None:
         yield first.best, many
     return first
