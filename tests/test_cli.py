@@ -214,6 +214,7 @@ def test_bad_input_to_a_process(home, run_door, index):
     assert_refused(done.returncode, done.stdout, done.stderr, message)
 
 
+@pytest.mark.slow
 def test_a_run_that_diverges_says_so_and_exits_with_1(home, run_door):
     rate = ("--learning-rate", "1e30", "--run", "diverged", "--checkpoint-every", "5")
     done = run_door("train", *SMALL, "--hidden", "8", "--chunk", "5", *rate)

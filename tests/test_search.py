@@ -148,6 +148,7 @@ def test_what_is_left_of_the_time_goes_to_smaller_rounds(monkeypatch):
     assert run_for(late, KEYS, INSTANCES, 0.5) == 0
 
 
+@pytest.mark.slow
 def test_the_smaller_rounds_of_what_has_bred_are_never_worse():
     search = SEARCHES["evolved"]
     state = search.start(KEYS, INSTANCES)

@@ -57,6 +57,7 @@ def evaluate(folder, *options):
     return subprocess.Popen([*command, *options], cwd=folder, env=paths, **pipes)
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path):
     many, file = ["--instances", "4000", "--json", "rows.json"], tmp_path / "s"
     process = evaluate(tmp_path, *many, "--sweep", "s", "--chunk", "100")

@@ -47,6 +47,7 @@ def assert_close(one, two):
     assert max(jax.tree.leaves(difference)) < 1e-5
 
 
+@pytest.mark.slow
 def test_three_seeds_and_rates_train_at_once_and_the_cost_falls():
     config = replace(SMALL, train_instances=3200, batch=32)
     train = make_train(config)
@@ -102,6 +103,7 @@ def test_an_epoch_uses_every_instance_once_in_another_order_each_time(monkeypatc
     assert epochs[0] != epochs[1]
 
 
+@pytest.mark.slow
 def test_updates_take_turns_over_bins_and_distributions():
     config = replace(SMALL, others=(Cell((5, 5, 5), Distribution(6, 1, 3)),))
     own, other = config.turns

@@ -102,7 +102,7 @@ def test_shipped_policies_beat_the_best_sort(dimension):
 README = (Path(__file__).parent.parent / "README.md").read_text()
 
 
-@pytest.mark.parametrize("dimension", ["2d", "3d"])
+@pytest.mark.parametrize("dimension", ["2d", pytest.param("3d", marks=pytest.mark.slow)])
 def test_the_bin_aware_policies_give_their_row_in_the_readme(dimension):
     assert f"bin-aware-{dimension}" in shipped_policies()
     recipe = preset(f"paper-{dimension}")
