@@ -18,6 +18,7 @@ from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.metrics import bins_used, compactness, pyramid
+from jaxpack.packing.pieces import side_by_side
 from jaxpack.packing.problem import Instance, Packing, in_orientation
 
 
@@ -99,7 +100,7 @@ def _bin_aware_gradient(
     rollouts are, and what it saw never leaves the cache for long. `keys`: [B, S].
     """
     batch, samples = instances.mask.shape[0], config.samples
-    most = max(1, LANES // samples)
+    most = max(1, side_by_side(LANES) // samples)
     piece = max(n for n in range(1, min(most, batch) + 1) if batch % n == 0)
     pieces = jax.tree.map(lambda leaf: leaf.reshape(-1, piece, *leaf.shape[1:]), instances)
 

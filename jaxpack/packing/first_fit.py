@@ -9,7 +9,7 @@ A turn offers one item to one bin, in every batch member its own: none waits for
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import jax
@@ -29,7 +29,7 @@ from jaxpack.packing.height_map import (
 )
 from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
-from jaxpack.packing.programs import least, total
+from jaxpack.packing.programs import least, loops_are_whole, total, whole
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
@@ -37,6 +37,9 @@ window from `LARGE_WINDOW` on."""
 VECTOR, SEVERAL = 32, 4
 """Bytes that the processor takes at once: what is left over of a row is done one by one, which
 takes longer than a vector more, from several instances on."""
+
+TURNS = 4
+"""On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
 
 
 class _Turn(NamedTuple):
@@ -116,7 +119,9 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     needed = problem.cells_needed(sizes[0] * sizes[1]).astype(dtype)
     length, width, height = sizes.astype(dtype)
     sides = length, width, height
-    packed = _take_turns(problem, instance.bin.T, (sides, needed), able, order.T)
+    turns = partial(_take_turns, problem)
+    always = (instance.bin > 0).all()
+    packed = whole(always, turns, instance.bin.T, (sides, needed), able, order.T)
     y, x = jnp.divmod(packed.place, problem.bin[0])
     corner = x, y, packed.z
     stats = _stats_by_bin(problem, packed.bin, corner, sides)
@@ -144,13 +149,11 @@ def _take_turns(
     slots = _narrowest(("int8", "int16", "int32"), N)
     # Up to twice N: what comes before the current item is offered to the next bin.
     ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
-    rank_of = jax.lax.broadcasted_iota(ranks, (N, batch), 0)
-    rank_of = jnp.zeros_like(rank_of).at[order, lane].set(rank_of, unique_indices=True)
     (length, width, height), needed = items
     ranked = jnp.stack([length, width, height, needed], -1)
     if dtype.itemsize == 1:  # as one word: XLA gathers one element after the other
         ranked = jax.lax.bitcast_convert_type(ranked, jnp.int32)
-    ranked = ranked.at[order, lane].get(mode="promise_in_bounds")
+    ranked, rank_of = _by_rank(ranked, order, ranks)
 
     def fetched(rank: Array) -> tuple[Triple, Array]:
         row = jnp.minimum(rank, N - 1).astype(jnp.int32)
@@ -187,7 +190,7 @@ def _take_turns(
             z=jnp.where(here, z, now.z),
         )
 
-    rank = jnp.where(able, rank_of, N).min(0).astype(ranks)
+    rank = least(jnp.where(able, rank_of, ranks.type(N)), 1)
     nothing = jnp.zeros((N, batch), dtype)
     start = _Turn(
         heights=empty,
@@ -200,7 +203,33 @@ def _take_turns(
         z=nothing,
     )
 
-    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turn, start)
+    def turns(now: _Turn) -> _Turn:
+        for _ in range(1 if jax.default_backend() == "cpu" else TURNS):
+            now = turn(now)  # of no effect once nothing is left
+        return now
+
+    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turns, start)
+
+
+def _by_rank(items: Array, order: Array, dtype: np.dtype) -> tuple[Array, Array]:
+    """(rows of `items` [N, B, ...] in packing order, rank of every item [N, B])."""
+    N, batch = order.shape
+    lane = jnp.arange(batch)
+    if not loops_are_whole():
+        rank = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
+        rank_of = jnp.zeros_like(rank).at[order, lane].set(rank, unique_indices=True)
+        return items.at[order, lane].get(mode="promise_in_bounds"), rank_of
+    # Comparing a whole column costs less than writing one number to where it belongs.
+    number = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
+
+    def place(rank: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        row = items.at[order[rank], lane].get(mode="promise_in_bounds")
+        here = number == order[rank].astype(dtype)
+        return found[0].at[rank].set(row), jnp.where(here, rank.astype(dtype), found[1])
+
+    nothing = jnp.zeros_like(items), jnp.zeros((N, batch), dtype)
+    done: tuple[Array, Array] = jax.lax.fori_loop(0, N, place, nothing)
+    return done
 
 
 def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
@@ -218,6 +247,7 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
     y = jnp.arange(W, dtype=dtype)[:, None]
     ends = tuple(at + side for at, side in zip(corner, sides, strict=True))
     volume = math.prod(side.astype(jnp.int32) for side in sides)
+    top = ends[2].astype(jnp.int32)
 
     def stats_of(slot: Array, stats: Array) -> Array:
         inside = bin == slot
@@ -230,7 +260,7 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
         heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
         found = (
             total(jnp.where(inside, volume, 0), 1),
-            -least(-heights, 2).astype(jnp.int32),
+            -least(jnp.where(inside, -top, 0), 1),
             total(heights.astype(jnp.int32), 2),
         )
         return stats.at[slot].set(jnp.stack(found))

@@ -1,4 +1,4 @@
-"""A batch in pieces that stay in the cache, one after the other."""
+"""A batch in pieces that stay in a processor's cache, one after the other."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -11,11 +11,24 @@ T = TypeVar("T")
 U = TypeVar("U")
 
 
+WIDER = 16
+"""Times as many lanes on a GPU, which small programs leave idle, as in the cache of a CPU."""
+
+
+def side_by_side(lanes: int) -> int:
+    """How many lanes to work on at once where a CPU should work on `lanes`."""
+    return lanes if jax.default_backend() == "cpu" else WIDER * lanes
+
+
 def in_pieces(function: Callable[[T], U], batch: T, size: int) -> U:
     """A batched function (leaves [B, ...] -> [B, ...]) in pieces of `size`, one after the other.
 
     The last piece is filled up with the last member.
+
+    Args:
+        size: on a CPU; elsewhere see `side_by_side`.
     """
+    size = side_by_side(size)
     count = len(jax.tree.leaves(batch)[0])
     missing = -count % size
 
