@@ -1,6 +1,7 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
-Sections: placement, training, genetic, sweeps, growth. All if none is named.
+Sections: placement, training, genetic, sweeps, growth. All if none is named. And `accelerator`, for
+a GPU, only if named.
 """
 
 import sys
@@ -17,7 +18,7 @@ def main() -> None:
     compile_loops_whole()
     chosen = sys.argv[1:] or SECTIONS
     for name in chosen:
-        if name not in SECTIONS:
+        if name not in (*SECTIONS, "accelerator"):
             raise SystemExit(f"unknown section '{name}': choose from {', '.join(SECTIONS)}")
         import_module(f"benchmarks.{name}").main()
 
