@@ -1,8 +1,11 @@
 """Evaluations per second of BRKGA, beside pymoo's with the same decoder compiled by Numba.
 
 Same population, generations, shares and cost. pymoo decodes a generation at once, on all cores;
-ours has as many instances side by side as a row says, on a device per core.
+ours has as many instances side by side as a row says, on a device per core; the packings of a
+single one's generation are shared out among the devices.
 """
+
+from functools import partial
 
 import jax
 import numba
@@ -14,7 +17,7 @@ from pymoo.optimize import minimize
 from benchmarks.native import pack_native
 from benchmarks.timing import compiled, cores, report, seconds
 from jaxpack import BrkgaConfig, bins_first_cost, brkga, pack, preset, sample
-from jaxpack.devices import by_batch, data_mesh, split_batch
+from jaxpack.devices import by_batch, data_mesh, on_all, split_batch
 
 CONFIG = BrkgaConfig(population=100, generations=30)
 BATCHES = (1, 16, 128)
@@ -77,14 +80,15 @@ def main(repeats: int = 3) -> None:
         peer = None
         for batch in BATCHES:
             instances = sample(recipe.problem, recipe.distribution, jax.random.key(0), batch)
-            mesh = data_mesh(cores() if batch % cores() == 0 else 1)
+            mesh, problem = data_mesh(cores()), recipe.problem
             inputs = jax.random.split(jax.random.key(1), batch), instances
-            inputs = jax.device_put(inputs, by_batch(mesh))
-
-            def ours(keys, instances, problem=recipe.problem):
-                return brkga(problem, keys, instances, CONFIG)
-
-            search, compile_seconds = compiled(split_batch(mesh, ours), *inputs)
+            if batch % mesh.size:
+                inputs = jax.device_put(inputs, on_all(mesh))
+                ours = partial(brkga, problem, config=CONFIG, mesh=mesh)
+            else:
+                inputs = jax.device_put(inputs, by_batch(mesh))
+                ours = split_batch(mesh, partial(brkga, problem, config=CONFIG))
+            search, compile_seconds = compiled(ours, *inputs)
 
             one = Packing(recipe.problem, np.asarray(instances.size[0]))
             assert_same_cost(one, jax.tree.map(lambda leaf: leaf[0], instances))

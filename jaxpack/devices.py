@@ -10,7 +10,9 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
@@ -148,6 +150,22 @@ def split_batch(
     return jax.shard_map(
         function, mesh=mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False
     )
+
+
+def share_out(mesh: Mesh | None, function: Callable, batch: Array) -> Array:
+    """`function(batch)` within `split_batch` where all devices have the whole batch: each does a
+    part, and all get everything. Without a mesh: `function` itself.
+
+    Args:
+        function: [B, ...] -> [B, ...]; member i of the output depends on member i only.
+    """
+    if mesh is None:
+        return jnp.asarray(function(batch))
+    count = len(batch)
+    part = -(-count // mesh.size)
+    rows = jax.lax.axis_index(DATA) * part + jnp.arange(part)
+    done = function(batch[jnp.minimum(rows, count - 1)])
+    return jnp.asarray(jax.lax.all_gather(done, DATA, tiled=True)[:count])
 
 
 def mean_over_batch(mesh: Mesh | None, function: Callable, in_specs: Any) -> Callable:

@@ -49,6 +49,23 @@ assert max(abs(leaf).max() for leaf in jax.tree.leaves(one)) > 0.01
 assert_close(one, eight)
 """
 
+BREEDING = """
+import jax, numpy as np
+from cases import TINY
+from jaxpack import BrkgaConfig, brkga, sample
+from jaxpack.devices import data_mesh, on_all
+
+keys = jax.random.split(jax.random.key(1), 2)
+instances = sample(TINY.problem, TINY.distribution, jax.random.key(0), 2)
+config = BrkgaConfig(population=30, generations=4)  # neither 30 nor 24 are all devices' share
+alone = brkga(TINY.problem, keys, instances, config)
+for devices in (1, 5, 8):
+    mesh = data_mesh(devices)
+    inputs = jax.device_put((keys, instances), on_all(mesh))
+    search = jax.jit(lambda *inputs: brkga(TINY.problem, *inputs, config, mesh=mesh))
+    np.testing.assert_array_equal(search(*inputs), alone)
+"""
+
 
 def run_on_eight(tmp_path, *arguments):
     return subprocess.run(
@@ -63,6 +80,11 @@ def run_on_eight(tmp_path, *arguments):
 
 def test_eight_devices_learn_what_one_learns(tmp_path):
     done = run_on_eight(tmp_path, "-c", TRAINING)
+    assert done.returncode == 0, done.stderr
+
+
+def test_devices_share_a_generation_and_breed_what_one_breeds(tmp_path):
+    done = run_on_eight(tmp_path, "-c", BREEDING)
     assert done.returncode == 0, done.stderr
 
 

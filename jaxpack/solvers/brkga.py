@@ -13,7 +13,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.sharding import Mesh
 
+from jaxpack.devices import WHOLE, share_out, split_batch
 from jaxpack.errors import UserError
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.metrics import bins_first_cost
@@ -51,6 +53,9 @@ class BrkgaConfig:
         return elite, mutants, self.population - elite - mutants
 
 
+Costs = Callable[[Instance, Array], Array]  # (instance, genes [P, N]) -> [P]
+
+
 class Population(NamedTuple):
     """The generation of one instance, best first."""
 
@@ -64,21 +69,24 @@ def genetic(
     config: BrkgaConfig = BrkgaConfig(),
     objective: Objective = bins_first_cost,
     seeds: Callable[[Array, Instance], Array] | None = None,
+    mesh: Mesh | None = None,
 ) -> Search:
     """The algorithm as a search: a round is a generation.
 
     Args:
+        mesh: for use within `split_batch` of it, all inputs whole: the packings of a generation are
+            shared out among its devices.
         objective: the cost to minimise, `bins_first_cost` or the paper's `paper_cost`.
         seeds: (keys [B], instances) -> int32 [B, K, N], orders to start from, such as the sorts; K
             at most the population.
     """
 
+    costs = partial(_costs, problem, objective, mesh)
+
     def start(keys: Array, instances: Instance) -> Population:
         pairs = jax.vmap(jax.random.split)(keys)
         given = seeds(pairs[:, 0], instances) if seeds else None
-        return jax.vmap(partial(_first_generation, problem, config, objective))(
-            pairs[:, 1], instances, given
-        )
+        return jax.vmap(partial(_first_generation, config, costs))(pairs[:, 1], instances, given)
 
     def best(state: tuple[Population, Array]) -> Array:
         population, mask = state
@@ -87,7 +95,7 @@ def genetic(
     return Search(
         start=lambda keys, instances: (start(keys, instances), instances.mask),
         advance=lambda instances, state: (
-            jax.vmap(partial(_next_generation, problem, config, objective))(instances, state[0]),
+            jax.vmap(partial(_next_generation, config, costs))(instances, state[0]),
             state[1],
         ),
         best=best,
@@ -101,16 +109,23 @@ def brkga(
     config: BrkgaConfig = BrkgaConfig(),
     objective: Objective = bins_first_cost,
     seeds: Callable[[Array, Instance], Array] | None = None,
+    mesh: Mesh | None = None,
 ) -> Array:
-    """The best orders after all generations: int32 [B, N]. See `genetic`."""
-    search = genetic(problem, config, objective, seeds)
-    return run_rounds(search, keys, instances, config.generations)
+    """The best orders after all generations: int32 [B, N]. See `genetic`.
+
+    Args:
+        mesh: devices, from `data_mesh`, that share the packings of each generation. It is for
+            fewer instances than devices; more are faster by `split_batch` of the instances.
+    """
+    search = genetic(problem, config, objective, seeds, mesh)
+    run = partial(run_rounds, search, rounds=config.generations)
+    best: Array = split_batch(mesh, run, WHOLE, WHOLE)(keys, instances)
+    return best
 
 
 def _first_generation(
-    problem: Problem,
     config: BrkgaConfig,
-    objective: Objective,
+    costs: Costs,
     key: Array,
     instance: Instance,
     seeds: Array | None,
@@ -119,13 +134,12 @@ def _first_generation(
     genes = _fresh(start_key, config.population, instance)
     if seeds is not None:
         genes = genes.at[: seeds.shape[0]].set(jax.vmap(keys_of)(seeds))
-    return _best_first(key, genes, _costs(problem, objective, instance, genes))
+    return _best_first(key, genes, costs(instance, genes))
 
 
 def _next_generation(
-    problem: Problem,
     config: BrkgaConfig,
-    objective: Objective,
+    costs: Costs,
     instance: Instance,
     population: Population,
 ) -> Population:
@@ -143,20 +157,22 @@ def _next_generation(
     born = jax.vmap(child)(jax.random.split(child_key, children))
     new = jnp.concatenate([born, _fresh(mutant_key, mutants, instance)])
     genes = jnp.concatenate([population.genes[:elite], new])
-    costs = _costs(problem, objective, instance, new)
-    return _best_first(key, genes, jnp.concatenate([population.cost[:elite], costs]))
+    cost = jnp.concatenate([population.cost[:elite], costs(instance, new)])
+    return _best_first(key, genes, cost)
 
 
 def _fresh(key: Array, count: int, instance: Instance) -> Array:
     return jax.random.bits(key, (count, instance.mask.shape[0]), jnp.uint32)
 
 
-def _costs(problem: Problem, objective: Objective, instance: Instance, genes: Array) -> Array:
+def _costs(
+    problem: Problem, objective: Objective, mesh: Mesh | None, instance: Instance, genes: Array
+) -> Array:
     def cost(keys: Array) -> Array:
         order = decode_keys(keys, instance.mask)
         return objective(instance, pack(problem, instance, order))
 
-    return jax.vmap(cost)(genes)
+    return share_out(mesh, jax.vmap(cost), genes)
 
 
 def _best_first(key: Array, genes: Array, costs: Array) -> Population:
