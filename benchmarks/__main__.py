@@ -1,26 +1,32 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
 Sections: placement, training, genetic, sweeps, growth. All if none is named. And `accelerator`, for
-a GPU, only if named.
+a GPU, only if named. Each has a process of its own: idle threads of one slow down the next.
 """
 
+import subprocess
 import sys
 from importlib import import_module
 
 from jaxpack.devices import use_all_cores
-from jaxpack.packing.programs import compile_loops_whole
+from jaxpack.packing.programs import tune_for_cpu
 
 SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 
 
 def main() -> None:
-    use_all_cores()
-    compile_loops_whole()
     chosen = sys.argv[1:] or SECTIONS
     for name in chosen:
         if name not in (*SECTIONS, "accelerator"):
             raise SystemExit(f"unknown section '{name}': choose from {', '.join(SECTIONS)}")
-        import_module(f"benchmarks.{name}").main()
+    if len(chosen) == 1:
+        use_all_cores()
+        tune_for_cpu()
+        import_module(f"benchmarks.{chosen[0]}").main()
+        return
+    for name in chosen:
+        if code := subprocess.run([sys.executable, "-m", "benchmarks", name]).returncode:
+            raise SystemExit(code)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ from jaxpack.packing.metrics import (
     utilisation,
 )
 from jaxpack.packing.problem import Instance, Packing, Problem, in_orientation, make_instance
-from jaxpack.packing.programs import compile_loops_whole
+from jaxpack.packing.programs import tune_for_cpu
 from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
 from jaxpack.solution import Solution, solve
 from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
@@ -109,7 +109,6 @@ __all__ = [
     "choose_orders",
     "compactness",
     "compare",
-    "compile_loops_whole",
     "compile_search",
     "evolved",
     "footprint_order",
@@ -147,6 +146,7 @@ __all__ = [
     "solve",
     "step",
     "train_step",
+    "tune_for_cpu",
     "uniform_instance",
     "use_all_cores",
     "utilisation",

@@ -15,7 +15,7 @@ import jax
 import tyro
 
 from jaxpack.errors import UserError
-from jaxpack.packing.programs import compile_loops_whole
+from jaxpack.packing.programs import tune_for_cpu
 
 T = TypeVar("T")
 
@@ -71,7 +71,7 @@ def prepare_jax() -> None:
     Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a small
     loop is one program.
     """
-    compile_loops_whole()
+    tune_for_cpu()
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         jax.config.update("jax_compilation_cache_dir", str(root / "jaxpack"))

@@ -9,6 +9,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -238,9 +239,15 @@ def _run(
     place = by_batch(data_mesh(comparison.devices))
     batches = [jax.device_put(_rows((keys, instances), pick), place) for pick in picks]
     jax.block_until_ready(batches)
+    # A compiled function lets no other thread in until its first call is done: one for each.
+    solvers = [copy(solver) for _ in batches]
+
+    def solve(solver: Solver, batch: tuple[Array, Instance]) -> tuple[Array, Packing]:
+        return jax.block_until_ready(solver(*batch))
+
     with ThreadPoolExecutor(comparison.threads) as pool:
         start = time.perf_counter()
-        done = list(pool.map(lambda batch: jax.block_until_ready(solver(*batch)), batches))
+        done = list(pool.map(solve, solvers, batches))
         seconds = time.perf_counter() - start
     whole = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *done)
     return seconds, *whole

@@ -3,7 +3,7 @@
 import os
 import tempfile
 
-from jaxpack.packing.programs import compile_loops_whole
+from jaxpack.packing.programs import tune_for_cpu
 
 
 def pytest_configure(config):
@@ -16,7 +16,7 @@ def pytest_configure(config):
         flags = os.environ.get("XLA_FLAGS", "")
         if "optimization_level" not in flags:
             os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0"
-        compile_loops_whole()  # as the doors do
+    tune_for_cpu()  # as the doors do
 
 
 def pytest_unconfigure(config):
