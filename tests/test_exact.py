@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxpack.loading.quick import Rows, pack_quickly
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 from jaxpack.packing.height_map import cell_dtype, drop, empty_map, lowest, rest
 from jaxpack.packing.problem import Problem
@@ -89,16 +90,25 @@ def packer(rules):
     return jax.jit(partial(pack_exact, rules))
 
 
+# Sides that repeat make equal heights and common edges, odd ones make everything else.
+MIXED, ALIKE = (200, 250, 300, 400, 333, 517), (250, 400)
+
+
 @pytest.mark.parametrize(
-    ("flat", "support", "inclusive"),
-    [(False, 0.5, True), (False, 0.6, False), (True, 1.0, True), (True, 0.0, True)],
+    ("flat", "support", "inclusive", "sides"),
+    [
+        (False, 0.5, True, MIXED),
+        (False, 0.5, True, ALIKE),  # copies of what was refused, and what is only higher
+        (False, 0.6, False, MIXED),
+        (True, 1.0, True, MIXED),
+        (True, 0.0, True, MIXED),
+    ],
 )
-def test_it_packs_as_a_plain_packer_does(flat, support, inclusive):
+def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides):
     batch, count, slots = 40, 12, 4
     rng = np.random.default_rng(5)
     side = np.array([1200, 1 if flat else 800, 1000])
-    # Sides that repeat make equal heights and common edges, odd ones make everything else.
-    sizes = rng.choice([200, 250, 300, 400, 333, 517], (count, 3, batch))
+    sizes = rng.choice(sides, (count, 3, batch))
     sizes[:, 1] = 1 if flat else sizes[:, 1]
     weights = rng.integers(0, 9, (count, batch))
     rooms = np.stack([side, side // [2, 1, 2], side, side], 0)[..., None].repeat(batch, 2)
@@ -122,6 +132,22 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive):
                 assert tuple(corners[i, :, b]) == corner
             waiting = [i for i in waiting if i not in placed]
         assert all(bins[i, b] == -1 for i in waiting)
+
+
+def test_a_copy_of_what_was_refused_fits_once_something_else_has_come_in():
+    # Two of 7 lie on nothing wide enough until a gap of 4 beside 6 is filled. The second does then.
+    sizes = np.array([[6, 1, 3], [7, 1, 2], [4, 1, 3], [7, 1, 2], [7, 1, 3]])
+    rules, bins, corners = ExactRules(16, True, 1.0), [0, 1, 0, 0, 1], [0, 0, 6, 0, 0]
+    room, limit = np.tile([10, 1, 6], (2, 1)), np.zeros(2, int)
+    layout = packer(rules)(
+        Items(jnp.asarray(sizes)[..., None], jnp.zeros((5, 1), int), jnp.ones((5, 1), bool)),
+        Bins(jnp.asarray(room)[..., None], jnp.asarray(limit)[:, None]),
+    )
+    rows = Rows(sizes, np.zeros(5, int), room, limit)
+    quickly = pack_quickly(rules, rows, lambda: False)
+    for bin, corner in ((layout.bin[:, 0], layout.corner[..., 0]), quickly):
+        assert bin.tolist() == bins
+        assert corner[:, 0].tolist() == corners
 
 
 def test_a_finer_unit_changes_nothing():

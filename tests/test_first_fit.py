@@ -10,7 +10,7 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack.learning.presets import preset
-from jaxpack.packing.first_fit import LANES, pack
+from jaxpack.packing.first_fit import LANES, MANY_ITEMS, pack
 from jaxpack.packing.height_map import empty_map, rest
 from jaxpack.packing.metrics import paper_cost
 from jaxpack.packing.problem import Instance, Problem, make_instance
@@ -63,6 +63,13 @@ def test_pack_equals_the_oracle(bin, largest, support, inclusive):
     # those of the 3D rows are in part flat.
     problem = Problem(bin, largest, support[0] / support[1], inclusive)
     instances, orders = random_cases(problem, seed=sum(bin), count=200, items=10)
+    assert_equals_oracle(problem, support, instances, orders)
+
+
+@pytest.mark.parametrize("support", [(1, 2), (1, 1)])
+def test_of_many_items_those_like_a_refused_one_are_packed_as_if_offered(support):
+    problem = Problem((6, 4, 7), None, support[0] / support[1])
+    instances, orders = random_cases(problem, seed=1, count=12, items=MANY_ITEMS)
     assert_equals_oracle(problem, support, instances, orders)
 
 

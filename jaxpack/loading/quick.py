@@ -74,15 +74,23 @@ def pack_quickly(
         free = room.astype(np.float32).prod(dtype=np.float32) * np.float32(SLACK)
         weight, left = rows.limit[slot], []
         tops = np.zeros((0, 5), np.int64)  # near x, far x, near y, far y, top
+        # Least height, by footprint, of what found no place: nothing higher will before the next.
+        refused: dict[tuple[int, ...], int] = {}
         for item in waiting:
             if stop():
                 return None
             size, place = rows.size[item], None
-            if len(tops) < rules.most and rows.weight[item] <= weight and volume[item] <= free:
+            *footprint, height = map(int, size)
+            light = rows.weight[item] <= weight and volume[item] <= free
+            least = refused.get(tuple(footprint), NOWHERE)
+            if len(tops) < rules.most and light and height < least:
                 place = _lowest(rules, tops, size, needed[item], room)
+                if place is None:
+                    refused[tuple(footprint)] = height
             if place is None:
                 left.append(item)
                 continue
+            refused.clear()
             bin[item], corner[item] = slot, place
             x, y, z = place
             face = [x, x + size[0], y, y + size[1], z + size[2]]

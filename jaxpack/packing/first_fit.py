@@ -38,6 +38,9 @@ VECTOR, SEVERAL = 32, 4
 """Bytes that the processor takes at once: what is left over of a row is done one by one, which
 takes longer than a vector more, from several instances on."""
 
+MANY_ITEMS = 128
+"""From so many on, a turn less for what would be refused is worth looking for it."""
+
 TURNS = 4
 """On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
 
@@ -50,6 +53,7 @@ class _Turn(NamedTuple):
     began: Array  # bool [B], whether something lies in it
     rank: Array  # integer [B], of the item that is offered next
     item: tuple[Triple, Array]  # cell_dtype [B]: its sides, and the cells that must carry it
+    shut: Array  # bool [N, B] by item, what this bin would refuse: see `turn`
     bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
     place: Array  # cell_dtype [N, B] by item, y * L + x of the corner
     z: Array  # cell_dtype [N, B] by item
@@ -171,7 +175,12 @@ def _take_turns(
         x, y, z = corner
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
-        following = jnp.where(rank_of > now.rank, rank_of, rank_of + N)
+        shut = now.shut
+        if N >= MANY_ITEMS:
+            # What is like a refused item, or higher, is refused too until something comes in.
+            shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
+            shut &= ~fits
+        following = jnp.where((rank_of > now.rank) & ~shut, rank_of, rank_of + N)
         following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
         # A bin that took nothing is the end: what is left fits no bin.
         began = now.began | fits
@@ -185,6 +194,7 @@ def _take_turns(
             rank=rank,
             # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
             item=fetched(rank),
+            shut=shut & ~opens,
             bin=bin,
             place=jnp.where(here, y * problem.bin[0] + x, now.place),
             z=jnp.where(here, z, now.z),
@@ -198,6 +208,7 @@ def _take_turns(
         began=jnp.zeros(batch, bool),
         rank=rank,
         item=fetched(rank),
+        shut=jnp.zeros((N if N >= MANY_ITEMS else 1, batch), bool),
         bin=jnp.where(able, -1, -2).astype(slots),
         place=nothing,
         z=nothing,

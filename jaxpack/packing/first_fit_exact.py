@@ -69,6 +69,7 @@ class _Open(NamedTuple):
     y: Edges
     weight: Array  # int32 [B], that may still be loaded
     volume: Array  # float32 [B], that is still free
+    shut: Array  # bool [N, B], like what was refused since the last came in, or higher
 
 
 def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
@@ -95,13 +96,14 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
             no_edges(1 if rules.flat else rules.most + 1, B),
             jnp.where(slot < S, bins.limit[inside, lane], -1),
             jnp.where(slot < S, room_volume[inside, lane], 0),
+            jnp.zeros((N, B), bool),
         )
 
     def next_item(current: _Open, waiting: Array) -> Array:
         """int32 [B], N where there is none: the first that may fit and was not offered yet."""
         light = (items.weight <= current.weight) & (volume <= current.volume)
-        suited = waiting & light & (index >= current.next) & (current.faces.used < rules.most)
-        return jnp.where(suited, index, N).min(0)
+        suited = waiting & light & (index >= current.next) & ~current.shut
+        return jnp.where(suited & (current.faces.used < rules.most), index, N).min(0)
 
     def turn(carry: tuple[_Open, Array, Layout]) -> tuple[_Open, Array, Layout]:
         current, waiting, layout = carry
@@ -118,6 +120,7 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
             rules, current, size, needed[item, lane], (room[0], room[1], room[2]), found
         )
         where = jnp.where(fits, item, N)
+        like = (items.size[:, :2] == sides[:2]).all(1) & (items.size[:, 2] >= size[2]) & found
         layout = Layout(
             layout.bin.at[where, lane].set(current.slot, mode="drop"),
             layout.corner.at[where, :, lane].set(jnp.stack(corner).T, mode="drop"),
@@ -129,6 +132,7 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
             y=current.y if rules.flat else add_edge(current.y, corner[1] + size[1], fits),
             weight=current.weight - jnp.where(fits, items.weight[item, lane], 0),
             volume=current.volume - jnp.where(fits, volume[item, lane], 0),
+            shut=(current.shut | like) & ~fits,
         )
         return current, waiting.at[where, lane].set(False, mode="drop"), layout
 
