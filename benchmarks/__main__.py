@@ -1,7 +1,7 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
 Sections: placement, training, genetic, sweeps, growth. All if none is named. And `accelerator`, for
-a GPU, only if named. Each has a process of its own: idle threads of one slow down the next.
+a GPU, only if named. Each has a process of its own: after others in one process it is slower.
 """
 
 import subprocess

@@ -68,8 +68,8 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
 def prepare_jax() -> None:
     """What every command does before its first array.
 
-    Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a small
-    loop is one program.
+    Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a CPU
+    runs them as `tune_for_cpu` says.
     """
     tune_for_cpu()
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):

@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.tree_util import Partial
 
 from jaxpack.devices import by_batch, data_mesh, split_batch
 from jaxpack.errors import UserError
@@ -36,10 +37,11 @@ from jaxpack.packing.metrics import (
 from jaxpack.packing.pieces import in_pieces
 from jaxpack.packing.problem import Instance, Packing, Problem
 from jaxpack.packing.validate import check_packings
-from jaxpack.solvers.search import compile_search, pack_orders, run_for
+from jaxpack.solvers.search import Search, compile_search, pack_orders, run_for
 
 Solver = Callable[[Array, Instance], tuple[Array, Packing]]
-"""(keys [B], instances) -> (orders [B, N], packings), compiled for one B."""
+"""(keys [B], instances) -> (orders [B, N], packings), compiled for one B; a pytree of compiled
+functions."""
 
 INSTANCE_STREAM, METHOD_STREAM = 5, 6  # folded into key(seed); training uses 0 to 4
 
@@ -217,11 +219,13 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
     # Batches share the cores: each may take longer than its share of the whole's time.
     seconds = method.seconds * comparison.batch * comparison.threads
 
-    def run(keys: Array, instances: Instance) -> tuple[Array, Packing]:
+    def run(
+        search: Search, packed: Callable, keys: Array, instances: Instance
+    ) -> tuple[Array, Packing]:
         found = run_for(search, keys, instances, seconds)
         return found, packed(instances, found)
 
-    return run
+    return Partial(run, search, packed)
 
 
 def _rows(batch: Any, rows: np.ndarray) -> Any:
@@ -239,8 +243,8 @@ def _run(
     place = by_batch(data_mesh(comparison.devices))
     batches = [jax.device_put(_rows((keys, instances), pick), place) for pick in picks]
     jax.block_until_ready(batches)
-    # A compiled function lets no other thread in until its first call is done: one for each.
-    solvers = [copy(solver) for _ in batches]
+    # A compiled function lets no other thread in until its first call is done: own ones for each.
+    solvers = [jax.tree.map(copy, solver) for _ in batches]
 
     def solve(solver: Solver, batch: tuple[Array, Instance]) -> tuple[Array, Packing]:
         return jax.block_until_ready(solver(*batch))

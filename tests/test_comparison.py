@@ -1,7 +1,9 @@
 """Comparisons: the same figures however they are batched, padded or split."""
 
 from dataclasses import replace
+from threading import Barrier
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from jaxpack import (
 )
 from jaxpack.comparison import grid_cells, grid_problem, make_instances
 from jaxpack.solvers.brkga import BrkgaConfig
+from jaxpack.solvers.search import Search
 from jaxpack.tables import paper_row, write_table
 
 PAPER = preset("paper-2d")
@@ -91,6 +94,26 @@ def test_seeds_are_pooled_and_errors_are_those_of_the_mean():
     between = sum(40 * (row.bins - pooled.bins) ** 2 for row in single)
     expected = ((within + between) / 79 / 80) ** 0.5
     assert pooled.standard_error["bins"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("seconds", [None, 1e-3])
+def test_batches_are_solved_side_by_side(seconds, monkeypatch):
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1})
+    both = Barrier(2)
+
+    def in_order(keys, mask):
+        both.wait(timeout=20)  # for the other batch
+        return np.broadcast_to(np.arange(mask.shape[1], dtype=np.int32), mask.shape)
+
+    def start(keys, instances):
+        shape = jax.ShapeDtypeStruct(instances.mask.shape, jnp.int32)
+        data = jax.random.key_data(keys)
+        return jax.pure_callback(in_order, shape, data, instances.mask)
+
+    search = Search(start, lambda instances, orders: orders, lambda orders: orders)
+    comparison = Comparison(PAPER.problem, instances=8, batch=4)
+    (row,) = compare(comparison, "in order", Method(start, search, seconds), [CELL])
+    assert row.bins > 4
 
 
 def test_an_impossible_packing_never_becomes_a_row():

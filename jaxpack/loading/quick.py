@@ -75,18 +75,18 @@ def pack_quickly(
         weight, left = rows.limit[slot], []
         tops = np.zeros((0, 5), np.int64)  # near x, far x, near y, far y, top
         # Least height, by footprint, of what found no place: nothing higher will before the next.
-        refused: dict[tuple[int, ...], int] = {}
+        refused: dict[tuple[int, int], int] = {}
         for item in waiting:
             if stop():
                 return None
             size, place = rows.size[item], None
-            *footprint, height = map(int, size)
+            length, width, height = map(int, size)
+            lower = height < refused.get((length, width), NOWHERE)
             light = rows.weight[item] <= weight and volume[item] <= free
-            least = refused.get(tuple(footprint), NOWHERE)
-            if len(tops) < rules.most and light and height < least:
+            if len(tops) < rules.most and light and lower:
                 place = _lowest(rules, tops, size, needed[item], room)
                 if place is None:
-                    refused[tuple(footprint)] = height
+                    refused[length, width] = height
             if place is None:
                 left.append(item)
                 continue

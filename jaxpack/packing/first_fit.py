@@ -53,7 +53,7 @@ class _Turn(NamedTuple):
     began: Array  # bool [B], whether something lies in it
     rank: Array  # integer [B], of the item that is offered next
     item: tuple[Triple, Array]  # cell_dtype [B]: its sides, and the cells that must carry it
-    shut: Array  # bool [N, B] by item, what this bin would refuse: see `turn`
+    shut: Array  # bool [N, B] by item, what this bin would refuse; of few items one row of False
     bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
     place: Array  # cell_dtype [N, B] by item, y * L + x of the corner
     z: Array  # cell_dtype [N, B] by item
