@@ -20,17 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from jaxpack.files.tables import Row, Table, read_table, table_from_columns
-from jaxpack.files.texts import (
-    as_size,
-    as_weight,
-    as_whole,
-    fault,
-    member,
-    read_json,
-    read_text,
-    show,
-)
+from jaxpack.files.texts import member, read_json, read_text
 from jaxpack.loading.job import FLAT_TURNED, ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, Sides
+from jaxpack.loading.numbers import as_size, as_weight, as_whole, fault, show
 
 MOST_ITEMS = 100_000  # copies of a job's items, all together
 

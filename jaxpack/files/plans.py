@@ -13,15 +13,12 @@ from typing import Any, NamedTuple
 
 from jaxpack.files.tables import Row, read_table, write_table
 from jaxpack.files.texts import (
-    fault,
     json_line,
     json_lines,
     member,
     member_index,
     member_vector,
-    plain,
     read_json,
-    show,
     write_text,
 )
 from jaxpack.loading.job import (
@@ -35,6 +32,7 @@ from jaxpack.loading.job import (
     Plan,
     Sides,
 )
+from jaxpack.loading.numbers import fault, plain, show
 
 MOST_BINS = 100_000  # of a certificate, copies included
 

@@ -11,17 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxpack.files.texts import (
-    as_number,
-    as_size,
-    as_weight,
-    as_whole,
-    fault,
-    plain,
-    read_text,
-    show,
-    write_text,
-)
+from jaxpack.files.texts import read_text, write_text
+from jaxpack.loading.numbers import as_number, as_size, as_weight, as_whole, fault, plain, show
 
 
 class Row(NamedTuple):

@@ -1,19 +1,53 @@
-"""Numbers as the user wrote them: 0.1 + 0.2 is 0.3 here."""
+"""Numbers as the user meant them: 0.1 + 0.2 is 0.3 here.
+
+A number counts to its 13th significant digit: what comes after that is the noise of floats, not a
+length.
+"""
 
 import math
 from collections.abc import Iterable
+from decimal import ROUND_FLOOR, Decimal
 from fractions import Fraction
+
+DIGITS = 13  # significant ones
 
 
 def exact(number: float) -> Fraction:
-    """The shortest decimal that reads back as this float: what stood in the file.
+    """The decimal of 13 significant digits that is nearest to this float.
 
     Raises:
         ValueError: it is infinite or not a number.
     """
-    return Fraction(str(number))
+    return Fraction(_text(number))
 
 
 def common_scale(numbers: Iterable[float]) -> int:
     """The least factor that makes whole numbers of all of them."""
     return math.lcm(*(exact(number).denominator for number in set(numbers)))
+
+
+def decimals(numbers: Iterable[float]) -> int:
+    """How many decimals these numbers have at most."""
+    return max((max(0, -_exponent(number)) for number in set(numbers)), default=0)
+
+
+def cut(number: float, places: int) -> float:
+    """The number without what comes after so many decimals, but never 0."""
+    unit = Decimal(1).scaleb(-places)
+    return float(max(Decimal(_text(number)).quantize(unit, ROUND_FLOOR), unit))
+
+
+def clean(number: float) -> float:
+    """The float that is nearest to its 13 digits: `exact` of it is what `str` shows of it."""
+    return float(_text(number))
+
+
+def _text(number: float) -> str:
+    return f"{number:.{DIGITS}g}"
+
+
+def _exponent(number: float) -> int:
+    exponent = Decimal(_text(number)).normalize().as_tuple().exponent
+    if isinstance(exponent, str):
+        raise ValueError(f"{number} is no finite number")
+    return exponent

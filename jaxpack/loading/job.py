@@ -3,13 +3,27 @@
 Plain Python and NumPy: what files are read into and written from. Lengths are along x (length),
 y (width) and z (height), in any unit, the same for all; 2D is 3D with width 1: x is the WIDTH of
 a two-dimensional file and z its HEIGHT.
+
+A job is checked and cleaned once, when it is made, whoever makes it. From then on every length is a
+whole number of one unit, of which the longest side of a bin has at most `FINEST`, and every weight
+of billionths: `exact` of a number of a job is what it stands for, to the last digit.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
+from typing import TypeVar
 
 from jaxpack.errors import UserError
+from jaxpack.loading.exact import DIGITS, clean, cut, decimals, exact
+from jaxpack.loading.numbers import as_size, as_weight, as_whole, fault, show
+
+FINEST = 2**30
+"""A side of a bin has at most so many units: far edges of items then fit int32."""
+MOST_ITEMS = 100_000  # copies of a job's items, all together
+WEIGHT_DECIMALS = 9  # whole numbers of these fit int64, up to the largest weight
 
 Sides = tuple[float, float, float]
 
@@ -49,15 +63,19 @@ class BinType:
     """Bins of one kind."""
 
     size: Sides
-    cost: float | None = None  # of one that is used; its volume if not given
+    cost: float | None = None  # of one that is used; see `Job.priced`
     copies: int | None = None  # how many there are; any number if not given
     max_weight: float = math.inf
     name: str = ""
+    where: str = field(default="", compare=False)  # in its file, such as "row 2"
 
     @property
     def price(self) -> float:
-        """What one of them costs."""
+        """What one of them costs: its volume if nothing is given."""
         return math.prod(self.size) if self.cost is None else self.cost
+
+
+Entry = TypeVar("Entry", ItemType, BinType)
 
 
 @dataclass(frozen=True)
@@ -65,27 +83,137 @@ class Job:
     """What has to be packed into what.
 
     Raises:
-        UserError: without items or bins, or in 2D for one whose width is not 1.
+        UserError: in one line that names the item or the bin, where a number is no size, weight
+            or count, an orientation is not known, there is nothing to pack or nothing to pack
+            into, there are too many items, or in 2D a width is not 1.
     """
 
     items: tuple[ItemType, ...]
     bins: tuple[BinType, ...]
     dimension: int = 3  # 2 or 3
     name: str = ""
+    rounded: float | None = field(default=None, init=False, compare=False)
+    """The length that finer sizes were cut off to, None if all are exact."""
 
     def __post_init__(self) -> None:
-        if not self.items or not self.bins:
-            what = "items" if not self.items else "bins"
+        if self.dimension not in (2, 3):
+            raise fault("dimension", f"{show(self.dimension)} is not known: give 2 or 3")
+        items = tuple(_checked_item(n, item, self.dimension) for n, item in enumerate(self.items))
+        bins = tuple(_checked_bin(n, kind, self.dimension) for n, kind in enumerate(self.bins))
+        count = sum(item.copies for item in items)
+        if not count or not bins:
+            what = "bins" if count else "items"
             raise UserError(f"{self.name or 'the job'} has no {what}: give at least one")
-        if self.dimension == 2:
-            for size in [entry.size for entry in self.items] + [entry.size for entry in self.bins]:
-                if size[1] != 1:
-                    raise UserError(f"size {size} in 2D: give width (the second) as 1")
+        if count > MOST_ITEMS:
+            what = f"{count:,} items, more than {MOST_ITEMS:,}"
+            raise UserError(f"{self.name or 'the job'} has {what}: split the job")
+        object.__setattr__(self, "items", items)
+        object.__setattr__(self, "bins", bins)
+        places = self._places()
+        if places is None:
+            return
+        object.__setattr__(self, "rounded", 10.0**-places)
+        for name, entries in (("items", items), ("bins", bins)):
+            object.__setattr__(self, name, tuple(_cut_sides(e, places) for e in entries))
+
+    def _places(self) -> int | None:
+        """How many decimals of the lengths are kept, where not all of them can be.
+
+        Any that make no more units of a side of a bin than `FINEST`, and no position of more than
+        the digits that are read.
+        """
+        sides = set(self.lengths())
+        longest = exact(max(max(kind.size) for kind in self.bins))
+        places = decimals(sides)
+        unit = self.unit
+        if longest / unit <= FINEST and longest * 10**places < 10**DIGITS:
+            return None
+        return max(n for n in range(places + 1) if longest * 10**n <= FINEST)
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes of the sides that are given: 2D has x and z."""
+        return (0, 2) if self.dimension == 2 else (0, 1, 2)
+
+    def lengths(self) -> Iterator[float]:
+        """The sides of all items and bins."""
+        for entry in (*self.items, *self.bins):
+            yield from (entry.size[axis] for axis in self.axes)
+
+    @property
+    def unit(self) -> Fraction:
+        """The largest length of which every side is a whole multiple."""
+        sides = [exact(side) for side in set(self.lengths())]
+        scale = math.lcm(*(side.denominator for side in sides))
+        return Fraction(math.gcd(*(int(side * scale) for side in sides)), scale)
 
     @cached_property
     def count(self) -> int:
         """All copies of all items."""
         return sum(item.copies for item in self.items)
+
+    @property
+    def priced(self) -> bool:
+        """Whether the least cost is wanted; otherwise it is the fewest bins.
+
+        It is as soon as one of the bins has a cost: those without cost their volume.
+        """
+        return any(kind.cost is not None for kind in self.bins)
+
+
+def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
+    where = item.where or f"item {number}"
+    where += f" ({item.name})" if item.name else ""
+    ways = item.orientations
+    if not isinstance(ways, tuple | list) or not ways:
+        raise fault(where, f"orientations {show(ways)}", "allow at least one")
+    known = FLAT_TURNED if dimension == 2 else tuple(ORIENTATIONS)
+    if wrong := [way for way in ways if way not in known]:
+        raise fault(where, f"orientation {show(wrong[0])} is not known: use {', '.join(known)}")
+    return replace(
+        item,
+        size=_checked_sides(where, item.size, dimension),
+        copies=as_whole(item.copies, f"{where}, copies", low=0),
+        weight=_checked_weight(where, item.weight),
+        orientations=tuple(dict.fromkeys(ways)),
+    )
+
+
+def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
+    where = kind.where or f"bin {number}"
+    where += f" ({kind.name})" if kind.name else ""
+    cost, most = kind.cost, kind.max_weight
+    return replace(
+        kind,
+        size=_checked_sides(where, kind.size, dimension),
+        cost=None if cost is None else clean(as_weight(cost, f"{where}, cost")),
+        copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
+        max_weight=math.inf if _unlimited(most) else _checked_weight(where, most),
+    )
+
+
+def _unlimited(most: object) -> bool:
+    return isinstance(most, float) and most == math.inf
+
+
+def _checked_sides(where: str, sides: Sides, dimension: int) -> Sides:
+    if not isinstance(sides, tuple | list) or len(sides) != 3:
+        raise fault(where, f"size {show(sides)}", "give three sides, along x, y and z")
+    x, y, z = (clean(as_size(side, f"{where}, size")) for side in sides)
+    if dimension == 2 and y != 1:
+        raise fault(where, f"size {(x, y, z)} in 2D", "give width (the second) as 1")
+    return x, y, z
+
+
+def _checked_weight(where: str, weight: float) -> float:
+    weight = clean(as_weight(weight, f"{where}, weight"))
+    fine = weight and decimals([weight]) > WEIGHT_DECIMALS
+    return cut(weight, WEIGHT_DECIMALS) if fine else weight
+
+
+def _cut_sides(entry: Entry, places: int) -> Entry:
+    x, y, z = (cut(side, places) for side in entry.size)
+    return replace(entry, size=(x, y, z))
 
 
 @dataclass(frozen=True)
