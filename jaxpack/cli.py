@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-import jax
 import tyro
 
 from jaxpack.errors import UserError
-from jaxpack.packing.programs import tune_for_cpu
 
 T = TypeVar("T")
 
@@ -40,8 +38,13 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     raise UserError(f"{sentence}; see python -m jaxpack.{door} --help")
 
 
-def run_door(door: Callable[[Sequence[str]], None]) -> None:
-    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
+def run_door(door: Callable[[Sequence[str]], None], computes: bool = True) -> None:
+    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130.
+
+    Args:
+        door: gets the arguments.
+        computes: whether it uses JAX, in this process.
+    """
     code = 0
     # What orbax logs on a damaged checkpoint or a full disk: the one line below says it.
     for name in ("absl", "asyncio"):
@@ -49,7 +52,8 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     # What the imports made stays: collections while a program is traced then skip it.
     gc.freeze()
     try:
-        prepare_jax()
+        if computes:
+            prepare_jax()
         door(sys.argv[1:])
     except UserError as error:
         line = " ".join(str(error).split())
@@ -71,6 +75,10 @@ def prepare_jax() -> None:
     Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a CPU
     runs them as `tune_for_cpu` says.
     """
+    import jax  # a second
+
+    from jaxpack.packing.programs import tune_for_cpu
+
     tune_for_cpu()
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

@@ -19,6 +19,14 @@ from jax.sharding import PartitionSpec as P
 
 from jaxpack.errors import UserError
 
+
+def usable_cores() -> int:
+    """Cores of the CPU that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
 PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
 

@@ -17,7 +17,7 @@ from jaxpack.solution import Solution, relative_gap
 NAMED = 5  # of many things the first few are named
 
 
-def live_figures(job: Job, found: Progress, least: float) -> str:
+def live_figures(job: Job, found: Progress) -> str:
     """The live line. In floats: exact figures of a large plan take seconds."""
     room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
     items = (put.item for packed in found.plan.bins for put in packed.placements)
@@ -26,7 +26,7 @@ def live_figures(job: Job, found: Progress, least: float) -> str:
     if found.plan.left_out:  # the bound may be that of a larger load
         parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
     else:
-        gap = relative_gap(job, found.bins, found.cost, found.bound, least)
+        gap = relative_gap(job, found.bins, found.cost, found.bounds)
         parts.append(f"gap {_percent(gap)}")
     return ", ".join(parts)
 
@@ -37,7 +37,7 @@ def figures_of_one(found: Solution) -> dict[str, str]:
     rows = {"bins": f"{figures.bins:,}{_kinds(job, found)}", "fill": _percent(figures.utilisation)}
     if any(item.weight for item in job.items):
         rows["weight"] = _number(figures.weight)
-    if any(kind.cost is not None for kind in job.bins):
+    if job.priced:
         rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
     gap = "" if found.gap is None else f", gap {_percent(found.gap)}"
     rows["lower bound"] = f"{counted(found.bound, 'bin')}{gap}"
@@ -48,8 +48,8 @@ def figures_of_one(found: Solution) -> dict[str, str]:
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
     if found.unpacked:
         rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
-    if found.rounding:
-        rows["rounding"] = f"adds {_percent(found.rounding)} to the items' volume"
+    if job.rounded:
+        rows["lengths"] = f"are cut off to {job.rounded:g}: finer ones have too many digits"
     return rows
 
 

@@ -1,17 +1,13 @@
 """`python -m jaxpack.solve`: a list of items and bins in, a checked loading plan out."""
 
-import os
 import re
 import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from threading import Thread
-from threading import enumerate as threads
 from types import ModuleType
 
 from rich.console import Console
@@ -24,19 +20,12 @@ from jaxpack.files.atomic import check_writable
 from jaxpack.files.jobs import read_job
 from jaxpack.files.plans import write_bed_bpp
 from jaxpack.loading.job import Job
-from jaxpack.loading.solver import THREAD, Progress, SolveOptions, improve
+from jaxpack.loading.solver import SolveOptions, improve
 from jaxpack.loading.validate import InvalidPlanError
 from jaxpack.plan_tables import NAMED, counted, live_figures, plain_text, print_solutions, say
-from jaxpack.solution import (
-    Solution,
-    check_options,
-    drawing_policy,
-    least_cost,
-    solution,
-    solve,
-)
+from jaxpack.solution import Solution, checked_options, solution, solve
 
-TICK = 0.1  # seconds between looks at the clock and at signals
+TICK = 0.1  # seconds between two states of the live line
 
 SUFFIXES = {
     "out": (".csv", ".json"),
@@ -72,9 +61,11 @@ class CommandOptions:
     seed: int = SolveOptions.seed
     """Gives the random choices."""
     support: float = SolveOptions.support
-    """Least share of an item's base that has to lie on what is under it, 0 to 1."""
+    """Share of an item's base, 0 to 1, of which MORE has to lie on what is under it; of 1 all."""
+    support_inclusive: FlagCreatePairsOff[bool] = SolveOptions.inclusive
+    """Exactly that share of the base is enough too: such an item may tip over."""
     resolution: float | None = None
-    """Round items up and bins down to this length; exact if not given."""
+    """Corners stand along x and y on a grid of this length; anywhere if not given."""
     skip_unfit: FlagCreatePairsOff[bool] = False
     """Leave out the items that no bin can hold; otherwise they are an error."""
     order: str | None = None
@@ -159,50 +150,24 @@ def interrupts() -> Iterator[list[int]]:
 
 def search(
     job: Job, options: SolveOptions, interrupted: Sequence[int], console: Console
-) -> Solution | None:
-    """The best plan, with a live line until then; None if interrupted before there is one.
-
-    The search runs in a thread of its own: while it is compiled, which takes seconds, the one
-    that Python hands signals to can still act on them.
-    """
-    events: SimpleQueue[Progress | BaseException | None] = SimpleQueue()
-
-    def work() -> None:
-        try:
-            for progress in improve(job, options, drawing_policy(job)):
-                events.put(progress)
-            events.put(None)
-        except BaseException as error:
-            events.put(error)
-
-    begun = time.perf_counter()
-    figures, best, least = "no plan yet", None, None
+) -> Solution:
+    """The best plan, with a live line until then."""
+    begun, figures, drawn = time.perf_counter(), "no plan yet", 0.0
     live = Live(console=console, auto_refresh=False, transient=True)
-    Thread(target=work, daemon=True, name=THREAD).start()
+
+    def stop() -> bool:
+        nonlocal drawn
+        now = time.perf_counter()
+        if live.is_started and now - drawn > TICK:
+            drawn, left = now, max(0.0, options.time_limit - (now - begun))
+            live.update(plain_text(f"{figures}, {left:.0f} s left"), refresh=True)
+        return bool(interrupted)
+
     with live if console.is_terminal else nullcontext():
-        while True:
-            try:
-                event = events.get(timeout=TICK)
-            except Empty:
-                if interrupted:
-                    break
-            else:
-                if event is None:
-                    break
-                if isinstance(event, BaseException):
-                    raise event
-                best = event
-                least = least_cost(job, best.bound) if least is None else least
-                if figures != (figures := live_figures(job, best, least)) and not live.is_started:
-                    say(console, f"{best.seconds:.1f} s: {figures}")
-            if live.is_started:
-                left = max(0.0, options.time_limit - (time.perf_counter() - begun))
-                live.update(plain_text(f"{figures}, {left:.0f} s left"), refresh=True)
-    if best is None or least is None:
-        return None
-    if interrupted:
-        best = replace(best, seconds=time.perf_counter() - begun, limited_by="an interrupt")
-    return solution(job, options, best, least)
+        for found in improve(job, options, stop):
+            if figures != (figures := live_figures(job, found)) and not live.is_started:
+                say(console, f"{found.seconds:.1f} s: {figures}")
+    return solution(job, options, found)
 
 
 def write_files(found: Solution, files: dict[str, Path]) -> None:
@@ -234,8 +199,6 @@ def solve_jobs(
             say(status, f"{where}: {counted(job.count, 'item')}")
         try:
             found = search(job, how, interrupted, status)
-            if found is None:
-                break
             write_files(found, own)
         except UserError as error:
             if len(jobs) == 1:
@@ -275,10 +238,15 @@ def main(argv: Sequence[str]) -> None:
     options = parse_options(CommandOptions, "solve", argv)
     jobs = read_orders(options)
     how = SolveOptions(
-        options.time_limit, options.seed, options.support, options.resolution, options.skip_unfit
+        options.time_limit,
+        options.seed,
+        options.support,
+        options.support_inclusive,
+        options.resolution,
+        options.skip_unfit,
     )
     for job in jobs:
-        check_options(how, job, _flag)
+        checked_options(how, job, _flag)
     files = plan_files(options, jobs)
     console, status = Console(highlight=False), Console(stderr=True, highlight=False)
     with interrupts() as interrupted:
@@ -292,16 +260,9 @@ def main(argv: Sequence[str]) -> None:
     if interrupted:
         code = 128 + interrupted[0]
         what = "this is the best plan so far"
-        if not solutions:
-            what = "there is no plan yet, nothing is written"
-        elif len(jobs) > 1:
+        if len(jobs) > 1:
             what = f"{len(solutions)} of {len(jobs)} orders are solved"
         say(status, f"interrupted: {what}")
-    if any(thread.name == THREAD for thread in threads()):
-        # A compilation came too late: the time limit is for it too.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
     sys.exit(code)
 
 
@@ -312,6 +273,6 @@ class _Callable(ModuleType):
 
 
 if __name__ == "__main__":
-    run_door(main)
+    run_door(main, computes=False)
 else:
     sys.modules[__name__].__class__ = _Callable

@@ -8,7 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpack.loading.quick import Rows, pack_quickly
+from jaxpack.loading.job import BinType, ItemType, Job
+from jaxpack.loading.quick import pack_quickly
+from jaxpack.loading.stock import Genes, Rules, load_job
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 from jaxpack.packing.height_map import cell_dtype, drop, empty_map, lowest, rest
 from jaxpack.packing.problem import Problem
@@ -90,35 +92,57 @@ def packer(rules):
     return jax.jit(partial(pack_exact, rules))
 
 
+def packed(rules, share, sizes, weights, rooms, limits, step=1, wide=False):
+    """(bin [N, B], corner [N, 3, B]) with all items waiting; areas and weights of 64 bits or 32."""
+    count, _, batch = sizes.shape
+    kind = np.int64 if wide else np.int32
+    area = sizes[:, 0].astype(np.int64) * sizes[:, 1]
+    needed = np.vectorize(lambda a: share.area_needed(int(a)))(area).astype(kind)
+    with jax.enable_x64(True):
+        items = Items(
+            sizes.astype(np.int32), needed, weights.astype(kind), np.ones((count, batch), bool)
+        )
+        bins = Bins(rooms.astype(np.int32), limits.astype(kind), np.int32(step))
+        items, bins = jax.tree.map(jnp.asarray, (items, bins))
+    layout = packer(rules)(items, bins)
+    return np.asarray(layout.bin), np.asarray(layout.corner)
+
+
 # Sides that repeat make equal heights and common edges, odd ones make everything else.
 MIXED, ALIKE = (200, 250, 300, 400, 333, 517), (250, 400)
 
 
+@pytest.mark.parametrize("unit", [1, 2**19 - 3], ids=["32 bits", "64 bits"])
 @pytest.mark.parametrize(
     ("flat", "support", "inclusive", "sides"),
     [
         (False, 0.5, True, MIXED),
         (False, 0.5, True, ALIKE),  # copies of what was refused, and what is only higher
+        (False, 0.5, False, ALIKE),  # halves do not carry
         (False, 0.6, False, MIXED),
         (True, 1.0, True, MIXED),
         (True, 0.0, True, MIXED),
     ],
 )
-def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides):
+def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit):
     batch, count, slots = 40, 12, 4
     rng = np.random.default_rng(5)
-    side = np.array([1200, 1 if flat else 800, 1000])
-    sizes = rng.choice(sides, (count, 3, batch))
+    side = unit * np.array([1200, 800, 1000])
+    sizes = unit * rng.choice(sides, (count, 3, batch))
+    side[1] = 1 if flat else side[1]
     sizes[:, 1] = 1 if flat else sizes[:, 1]
     weights = rng.integers(0, 9, (count, batch))
     rooms = np.stack([side, side // [2, 1, 2], side, side], 0)[..., None].repeat(batch, 2)
     limits = np.array([30, 10, 25, 1000])[:, None].repeat(batch, 1)
-    rules = ExactRules(16, flat, support, inclusive)
-    layout = packer(rules)(
-        Items(jnp.asarray(sizes), jnp.asarray(weights), jnp.ones((count, batch), bool)),
-        Bins(jnp.asarray(rooms), jnp.asarray(limits)),
+    bins, corners = packed(
+        ExactRules(16, flat),
+        Rules(support, inclusive),
+        sizes,
+        weights,
+        rooms,
+        limits,
+        wide=unit > 1,
     )
-    bins, corners = np.asarray(layout.bin), np.asarray(layout.corner)
     for b in range(batch):
         waiting = list(range(count))
         for slot in range(slots):
@@ -137,15 +161,15 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides):
 def test_a_copy_of_what_was_refused_fits_once_something_else_has_come_in():
     # Two of 7 lie on nothing wide enough until a gap of 4 beside 6 is filled. The second does then.
     sizes = np.array([[6, 1, 3], [7, 1, 2], [4, 1, 3], [7, 1, 2], [7, 1, 3]])
-    rules, bins, corners = ExactRules(16, True, 1.0), [0, 1, 0, 0, 1], [0, 0, 6, 0, 0]
+    bins, corners = [0, 1, 0, 0, 1], [0, 0, 6, 0, 0]
     room, limit = np.tile([10, 1, 6], (2, 1)), np.zeros(2, int)
-    layout = packer(rules)(
-        Items(jnp.asarray(sizes)[..., None], jnp.zeros((5, 1), int), jnp.ones((5, 1), bool)),
-        Bins(jnp.asarray(room)[..., None], jnp.asarray(limit)[:, None]),
-    )
-    rows = Rows(sizes, np.zeros(5, int), room, limit)
-    quickly = pack_quickly(rules, rows, lambda: False)
-    for bin, corner in ((layout.bin[:, 0], layout.corner[..., 0]), quickly):
+    compiled = packed(
+        ExactRules(16, True), Rules(1.0), sizes[..., None], np.zeros((5, 1)), room[..., None], limit[:, None]
+    )  # fmt: skip
+    job = Job(tuple(ItemType((x, 1, z)) for x, _, z in sizes), (BinType((10, 1, 6), copies=2),), 2)
+    genes = Genes(np.arange(5), np.zeros(5, int), np.arange(2))
+    quickly = pack_quickly(load_job(job, Rules(1.0)), genes, blocks=False)
+    for bin, corner in ((compiled[0][:, 0], compiled[1][..., 0]), quickly):
         assert bin.tolist() == bins
         assert corner[:, 0].tolist() == corners
 
@@ -153,12 +177,33 @@ def test_a_copy_of_what_was_refused_fits_once_something_else_has_come_in():
 def test_a_finer_unit_changes_nothing():
     rng = np.random.default_rng(7)
     sizes = rng.integers(1, 6, (20, 3, 50))
-    bins = Bins(jnp.full((6, 3, 50), 10), jnp.full((6, 50), 1))
-    fine = Bins(bins.size * 100, bins.limit)
-    still = jnp.zeros((20, 50), int)
-    coarse = Items(jnp.asarray(sizes), still, jnp.ones((20, 50), bool))
-    one = packer(ExactRules(32))(coarse, bins)
-    other = packer(ExactRules(32))(coarse._replace(size=coarse.size * 100), fine)
-    np.testing.assert_array_equal(one.bin, other.bin)
-    np.testing.assert_array_equal(one.corner * 100, other.corner)
-    assert (np.asarray(one.bin) >= 0).all()
+    rooms, limits, still = np.full((6, 3, 50), 10), np.full((6, 50), 1), np.zeros((20, 50))
+    one = packed(ExactRules(32), Rules(), sizes, still, rooms, limits)
+    for unit, wide in ((100, False), (2**30 // 10, True)):
+        other = packed(
+            ExactRules(32), Rules(), sizes * unit, still, rooms * unit, limits, wide=wide
+        )
+        np.testing.assert_array_equal(one[0], other[0])
+        np.testing.assert_array_equal(one[1] * unit, other[1])
+    assert (one[0] >= 0).all()
+
+
+def test_corners_stand_on_the_grid_that_is_asked_for():
+    rng = np.random.default_rng(8)
+    sizes = rng.integers(1, 60, (20, 3, 30))
+    rooms, limits, still = np.full((20, 3, 30), 100), np.full((20, 30), 1), np.zeros((20, 30))
+    bins, corners = packed(ExactRules(32), Rules(), sizes, still, rooms, limits, step=7)
+    assert (bins >= 0).all()
+    assert not (corners[:, :2] % 7).any()
+    assert (corners[:, 2] % 7).any(), "heights are what lies there"
+
+
+def test_bins_without_a_limit_take_any_weight():
+    weights = np.full((5, 1), 2**30)
+    sizes, rooms = np.ones((5, 3, 1), int), np.full((5, 3, 1), 9)
+    limits = np.full((5, 1), np.iinfo(np.int32).max)
+    bins, _ = packed(ExactRules(8), Rules(), sizes, weights, rooms, limits)
+    assert not bins.any()
+    limits[0] = 2**30 + 1
+    bins, _ = packed(ExactRules(8), Rules(), sizes, weights, rooms, limits)
+    assert bins[:, 0].tolist() == [0, 1, 1, 1, 1]

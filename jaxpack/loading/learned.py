@@ -15,8 +15,7 @@ from jax import Array
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES, choose_orders
-from jaxpack.loading.local_search import Genes
-from jaxpack.loading.stock import Loading, first_genes, first_stage
+from jaxpack.loading.stock import Genes, Loading, Stock
 from jaxpack.packing.problem import Instance, Problem
 
 CELLS = {2: range(8, 21), 3: range(6, 9)}
@@ -28,16 +27,22 @@ TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are diffe
 draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_orders)
 
 
-def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
-    """Sampled orders, for the sorts' sequences of bins: leaves [LANES, ...].
+def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, seed: int) -> Genes:
+    """Sampled orders, for the sequences of bins of some sorts: leaves [LANES, ...].
 
     Half of the lanes keep the sorts' orientations, in the others the policy chooses them too.
+
+    Args:
+        loading: the job.
+        stock: that of the loading, padded.
+        genes: LANES of the sorts, for the padded stock.
+        policy: a bin-aware one for the job's dimension.
+        seed: of the draws.
     """
-    genes = first_genes(loading, np.random.default_rng(seed), LANES)
     kept = jnp.arange(LANES)[:, None] < LANES // 2
-    instances, kinds = _on_a_grid(loading, genes, kept)
+    instances, kinds = _on_a_grid(loading, stock, genes, kept)
     most = CELLS[loading.job.dimension][-1]
-    depth = 1 if loading.rules.flat else most
+    depth = 1 if loading.flat else most
     problem = Problem(
         (most, depth, most), support=loading.rules.support, inclusive=loading.rules.inclusive
     )
@@ -52,20 +57,19 @@ def policy_genes(loading: Loading, policy: Policy, seed: int) -> Genes:
     return genes._replace(order=order[:, :items], turn=jnp.where(kept, genes.turn, turn[:, :items]))
 
 
-def _on_a_grid(loading: Loading, genes: Genes, kept: Array) -> tuple[Instance, int]:
+def _on_a_grid(loading: Loading, stock: Stock, genes: Genes, kept: Array) -> tuple[Instance, int]:
     """The items in cells of every lane's first bin; and how many kinds there are at most.
 
     Args:
         kept: bool [lanes, 1], where the orientations are those of the genes.
     """
-    stock = jax.tree.map(np.asarray, loading.stock)
     room = stock.bins[np.asarray(genes.pool)[:, 0]].astype(np.float64)  # [lanes, 3]
     share = stock.sizes / room[:, None, None]  # [lanes, N, O, 3]
     choices = np.asarray(CELLS[loading.job.dimension])
     inside = (share <= 1) & stock.mask[:, None, None]
     off = np.abs(share[..., None] * choices - np.round(share[..., None] * choices)) / choices
     cells = choices[np.where(inside[..., None], off, 0).sum((1, 2)).argmin(-1)]  # [lanes, 3]
-    if loading.rules.flat:
+    if loading.flat:
         cells[:, 1] = 1
     grid = cells[:, None, None]
     whole = np.where(share > 1, grid + 1, np.maximum(np.round(share * grid), 1)).astype(np.int32)
@@ -80,3 +84,8 @@ def _on_a_grid(loading: Loading, genes: Genes, kept: Array) -> tuple[Instance, i
     turned = jnp.asarray(np.pad(whole, (*empty, (0, 0), (0, 0)), constant_values=1))
     instance = Instance(turned[:, :, 0], jnp.asarray(mask), jnp.asarray(cells, jnp.int32), turned)
     return instance, min(first_stage(SHAPES, kinds) or kinds, items)
+
+
+def first_stage(stages: tuple[int, ...], count: int) -> int | None:
+    """The first stage that is large enough."""
+    return next((stage for stage in stages if stage >= count), None)

@@ -14,31 +14,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.loading.quick import WEIGHT_OF_FILL
+from jaxpack.loading.stock import Genes, Stock
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 
-WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
-UNPACKED = 1_000.0  # cost of leaving everything out
 ELITE, MUTANTS, BIAS = 0.2, 0.14, 0.7  # as in `solvers.brkga`
-
-
-class Stock(NamedTuple):
-    """A job for the kernel. K is the number of orientations, S of bins that may be opened."""
-
-    sizes: Array  # int32 [N, K, 3], units, turned in every allowed way; the last one repeated
-    ways: Array  # int32 [N], how many of the K differ
-    weight: Array  # int32 [N]
-    mask: Array  # bool [N], False for padding, which stands last
-    bins: Array  # int32 [S, 3], units
-    limit: Array  # int32 [S]
-    price: Array  # float32 [S], in prices of the cheapest bin
-
-
-class Genes(NamedTuple):
-    """What a lane decides; P lanes."""
-
-    order: Array  # int32 [P, N]
-    turn: Array  # int32 [P, N], orientation of every item
-    pool: Array  # int32 [P, S], sequence of the bins
 
 
 class Best(NamedTuple):
@@ -76,12 +56,14 @@ def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Ar
     The bin is an index of `Stock.bins`.
     """
     lane = jnp.arange(genes.order.shape[0])[:, None]
-    item = genes.order
-    sizes = stock.sizes[item, genes.turn[lane, item]]  # [P, N, 3]
-    items = Items(
-        size=jnp.moveaxis(sizes, 0, -1), weight=stock.weight[item].T, waiting=stock.mask[item].T
-    )
-    bins = Bins(jnp.moveaxis(stock.bins[genes.pool], 0, -1), stock.limit[genes.pool].T)
+    item, pool = genes.order, genes.pool
+    turn = genes.turn[lane, item]
+    sizes = stock.sizes[item, turn]  # [P, N, 3]
+    size, room = jnp.moveaxis(sizes, 0, -1), jnp.moveaxis(stock.bins[pool], 0, -1)
+    with jax.enable_x64(True):  # areas and weights may have 64 bits
+        needed, weight, limit = stock.needed[item, turn], stock.weight[item], stock.limit[pool]
+        items = Items(size, needed.T, weight.T, stock.mask[item].T)
+        bins = Bins(room, limit.T, stock.step)
     layout = pack_exact(rules, items, bins)
     slot = layout.bin.T
     bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
@@ -91,7 +73,10 @@ def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Ar
 
 
 def cost_of(stock: Stock, bin: Array) -> Array:
-    """Price of the bins, then how unevenly they are filled: float32 [P] from [P, N]."""
+    """Price of the bins, then how unevenly they are filled: float32 [P] from [P, N].
+
+    To leave something out is worse than any number of bins.
+    """
     volume = stock.sizes[:, 0].astype(jnp.float32).prod(1) * stock.mask
     room = jnp.maximum(stock.bins.astype(jnp.float32).prod(1), 1)  # 0 where there is no bin
     lane = jnp.arange(bin.shape[0])[:, None]
@@ -100,8 +85,9 @@ def cost_of(stock: Stock, bin: Array) -> Array:
     price = (stock.price * (held > 0)).sum(1)
     # Of two packings in equally many bins the one with an emptier bin is nearer to one less.
     even = (held * held / room).sum(1) / jnp.maximum(held.sum(1), 1e-9)
-    missing = ((~packed & stock.mask) * volume).sum(1) / volume.sum()
-    return price + WEIGHT_OF_FILL * (1 - even) + UNPACKED * missing
+    missing = (~packed & stock.mask).sum(1) / stock.mask.sum()
+    left_out = jnp.where(missing > 0, stock.penalty * (1 + missing), 0)
+    return price + WEIGHT_OF_FILL * (1 - even) + left_out
 
 
 AS_GIVEN, ANNEAL, BREED = range(3)

@@ -1,129 +1,298 @@
-"""The judge without a grid once more, in NumPy: plans that are there before the search is compiled.
+"""Plans that are there before anything is compiled: first fit in NumPy, and a search over it.
 
-The same placements as `pack_exact` to the unit, at a thousandth of its speed.
+Without blocks the placements are those of `pack_exact` to the unit. What is left when the time
+is up stands in columns.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxpack.loading.local_search import Best, Genes, cost_of
-from jaxpack.loading.stock import Loading, first_genes
-from jaxpack.packing.first_fit_exact import SLACK, ExactRules
-from jaxpack.packing.problem import area_needed
-from jaxpack.packing.top_faces import NOWHERE
+from jaxpack.loading.stock import Genes, Loading, Stock, lane_genes
+from jaxpack.packing.top_map import TopMap
 
-LANES = (0, 4, 9)  # of the first genes: by volume as given, by area lying flat, by height turned
-TABLE = 2**21  # numbers that a table of places may have
+WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
+SORTS = 12  # of `lane_genes`, without noise
+PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
+HEAT = 0.05  # rises of this size are accepted one time in three, in prices
 
-Place = tuple[int, int, int]
-
-
-class Rows(NamedTuple):
-    """Items in packing order, turned as they are to be packed, and bins in theirs, in units."""
-
-    size: np.ndarray  # int [N, 3]
-    weight: np.ndarray  # int [N]
-    bins: np.ndarray  # int [S, 3]
-    limit: np.ndarray  # int [S]
+Stop = Callable[[], bool]
 
 
-def quick_plan(loading: Loading, seed: int, lane: int, stop: Callable[[], bool]) -> Best | None:
-    """One of the sorts, such as one of LANES; None if `stop` said so before it was packed."""
-    genes = first_genes(loading, np.random.default_rng(seed), lane + 1)
-    chosen: Genes = jax.tree.map(lambda leaf: leaf[lane], genes)
-    order, turn, pool = map(np.asarray, chosen)
-    stock = jax.tree.map(np.asarray, loading.stock)
-    items = order[stock.mask[order]]
-    size, weight = stock.sizes[items, turn[items]], stock.weight[items]
-    rows = Rows(size, weight, stock.bins[pool], stock.limit[pool])
-    packed = pack_quickly(loading.rules, rows, stop)
-    if packed is None:
-        return None
-    slot = np.full(len(order), -1, np.int32)
-    slot[items] = np.where(packed[0] >= 0, pool[packed[0]], -1)
-    corner = np.zeros((len(order), 3), np.int32)
-    corner[items] = packed[1]
-    bin = jnp.asarray(slot)
-    return Best(chosen, bin, jnp.asarray(corner), cost_of(loading.stock, bin[None])[0])
+class Best(NamedTuple):
+    """A packing, and what makes it."""
+
+    genes: Genes
+    bin: np.ndarray  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
+    corner: np.ndarray  # int32 [N, 3], units
+    cost: float
+
+
+class Run(NamedTuple):
+    """Items of one kind, turned alike, that follow each other in an order."""
+
+    item: int  # index in Job.items
+    turn: int
+    count: int
+
+
+def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Best:
+    """The packing of one lane; what is left when `stop` says so stands in columns."""
+    bin, corner = pack_quickly(loading, genes, stop)
+    if stop() and (bin < 0).any():
+        _stand_in_columns(loading, genes, bin, corner)
+    return Best(genes, bin, corner, cost_of(loading.stock, bin))
+
+
+def search_quickly(loading: Loading, seed: int, first: Best, stop: Stop) -> Iterator[Best | None]:
+    """The sorts, then annealing from the best and from anew: a packing, None where it was cut off.
+
+    Every packing that `first` or one before it does not better.
+    """
+    random = np.random.default_rng([seed, 1])
+    best = first
+    for lane in range(1, SORTS):
+        new = _packed(loading, lane_genes(loading, seed, lane), stop)
+        yield new
+        if new is None:
+            return
+        best = new if new.cost < best.cost else best
+    several = len(loading.job.bins) > 1
+    now, idle, fresh = best, 0, False
+    while True:
+        runs = runs_of(loading, now.genes)
+        new = _packed(loading, _changed(loading, now.genes.pool, runs, random, several), stop)
+        yield new
+        if new is None:
+            return
+        idle = 0 if new.cost < now.cost - 1e-9 else idle + 1
+        if new.cost <= now.cost + HEAT * random.exponential() / max(1.0, now.cost):
+            now = new
+        best = new if new.cost < best.cost else best
+        if idle > PATIENCE + len(runs):
+            idle, fresh = 0, not fresh
+            now = best
+            if fresh:
+                anew = _packed(loading, _shuffled(loading, best.genes.pool, random), stop)
+                yield anew
+                if anew is None:
+                    return
+                now = anew
 
 
 def pack_quickly(
-    rules: ExactRules, rows: Rows, stop: Callable[[], bool]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """(bin int32 [N], -1 for what was not packed, corner int32 [N, 3]) by row.
+    loading: Loading, genes: Genes, stop: Stop = lambda: False, blocks: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """(bin int32 [N], -1 for what was not packed, corner int32 [N, 3]) by row of the stock.
 
     Args:
-        rules: those of `pack_exact`.
-        rows: what is to be packed.
-        stop: asked before every placement; there is no packing if it says so.
+        loading: what is to be packed.
+        genes: of one lane.
+        stop: asked before every placement; what follows then is not packed.
+        blocks: items of a kind that follow each other are placed many at once where the ground is
+            level, row by row.
     """
-    count = len(rows.size)
-    needed = np.asarray(
-        area_needed(rules.support, rules.inclusive, rows.size[:, 0] * rows.size[:, 1])
-    )
-    volume = rows.size.astype(np.float32).prod(1, dtype=np.float32)
-    bin, corner = np.full(count, -1, np.int32), np.zeros((count, 3), np.int32)
-    waiting = list(range(count))
-    for slot, room in enumerate(rows.bins):
-        if not waiting:
+    stock = loading.stock
+    runs = runs_of(loading, genes, whole=blocks)
+    ends = np.cumsum([run.count for run in runs])
+    rows = genes.order[ends - 1]  # one of each run
+    turn = [run.turn for run in runs]
+    sizes = stock.sizes[rows, turn].astype(np.int64)
+    filler = _Filler(
+        sizes, stock.needed[rows, turn], stock.weight[rows].astype(np.int64),
+        np.asarray([run.count for run in runs]), stop,
+    )  # fmt: skip
+    bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
+    starts, barren = ends - filler.waiting, set[int]()
+    no_limit = np.iinfo(stock.limit.dtype).max
+    for slot in genes.pool.tolist():
+        kind = int(loading.bins[slot])
+        if kind in barren:  # what waits has not changed since nothing of it fitted such a bin
+            continue
+        if not filler.waiting.any() or stop():
             break
-        free = room.astype(np.float32).prod(dtype=np.float32) * np.float32(SLACK)
-        weight, left = rows.limit[slot], []
-        tops = np.zeros((0, 5), np.int64)  # near x, far x, near y, far y, top
-        # Least height, by footprint, of what found no place: nothing higher will before the next.
-        refused: dict[tuple[int, int], int] = {}
-        for item in waiting:
-            if stop():
-                return None
-            size, place = rows.size[item], None
-            length, width, height = map(int, size)
-            lower = height < refused.get((length, width), NOWHERE)
-            light = rows.weight[item] <= weight and volume[item] <= free
-            if len(tops) < rules.most and light and lower:
-                place = _lowest(rules, tops, size, needed[item], room)
-                if place is None:
-                    refused[length, width] = height
-            if place is None:
-                left.append(item)
-                continue
-            refused.clear()
-            bin[item], corner[item] = slot, place
-            x, y, z = place
-            face = [x, x + size[0], y, y + size[1], z + size[2]]
-            tops = np.concatenate([tops, [face]])
-            weight, free = weight - rows.weight[item], free - volume[item]
-        waiting = left
+        x, y, z = stock.bins[slot].tolist()
+        limit = int(stock.limit[slot])
+        top = TopMap((x, y, z), loading.flat, int(stock.step))
+        placed = list(filler.fill(top, math.inf if limit == no_limit else limit))
+        barren = set() if placed else barren | {kind}
+        for run, first, corners in placed:
+            mine = genes.order[starts[run] + first : starts[run] + first + len(corners)]
+            bin[mine], corner[mine] = slot, corners
     return bin, corner
 
 
-def _lowest(
-    rules: ExactRules, tops: np.ndarray, size: np.ndarray, needed: int, room: np.ndarray
-) -> Place | None:
-    """Minimum z, then y, then x, of the places where the item may stand; None if there is none."""
-    near_x, far_x, near_y, far_y, top = tops.T
-    xs = np.unique(np.append(far_x, 0))
-    ys = np.zeros(1, np.int64) if rules.flat else np.unique(np.append(far_y, 0))
-    xs, ys = xs[xs <= room[0] - size[0]], ys[ys <= room[1] - size[1]]
-    if not len(xs) or not len(ys) or size[2] > room[2]:
-        return None
-    over_x = np.minimum(xs[:, None] + size[0], far_x) - np.maximum(xs[:, None], near_x)
-    over_y = np.minimum(ys[:, None] + size[1], far_y) - np.maximum(ys[:, None], near_y)
-    best = None
-    rows = max(1, TABLE // max(over_x.size, 1))
-    for first in range(0, len(ys), rows):
-        beside = np.maximum(over_y[first : first + rows], 0)
-        area = beside[:, None] * np.maximum(over_x, 0)  # [Y, X, faces]
-        under = np.where(area > 0, top, 0)
-        z = under.max(2, initial=0)
-        carried = np.where(under == z[:, :, None], area, 0).sum(2)
-        carried = np.where(z == 0, size[0] * size[1], carried)  # the floor
-        z = np.where((carried >= needed) & (z <= room[2] - size[2]), z, NOWHERE)
-        row, column = divmod(int(z.argmin()), len(xs))  # the first of the lowest: by y, then by x
-        lowest = int(z[row, column])
-        if lowest < (NOWHERE if best is None else best[2]):
-            best = int(xs[column]), int(ys[first + row]), lowest
-    return best
+class _Filler:
+    """What waits to be packed, by run, and how one bin after the other is filled with it."""
+
+    def __init__(
+        self,
+        size: np.ndarray,
+        needed: np.ndarray,
+        weight: np.ndarray,
+        count: np.ndarray,
+        stop: Stop,
+    ) -> None:
+        self.size, self.needed, self.weight, self.count = size, needed, weight, count
+        self.volume = size.astype(np.float64).prod(1)
+        self.waiting = count.copy()
+        self.stop = stop
+
+    def fill(self, top: TopMap, limit: float) -> Iterator[tuple[int, int, np.ndarray]]:
+        """(run, which of its copies is the first, corners) of what comes into a bin."""
+        free, left = math.prod(top.room) * (1 + 1e-9), limit
+        # Least height, by footprint, of what found no place: nothing higher will before the next.
+        refused: dict[tuple[int, int], int] = {}
+        offered = np.flatnonzero((self.waiting > 0) & self._may(slice(None), free, left))
+        while len(offered) and not self.stop():
+            run, offered = int(offered[0]), offered[1:]
+            length, width, height = self.size[run].tolist()
+            volume, weight, came = float(self.volume[run]), int(self.weight[run]), False
+            while self.waiting[run] and volume <= free and weight <= left:
+                if height >= refused.get((length, width), height + 1):
+                    break
+                corner = top.lowest((length, width, height), int(self.needed[run]), self.stop)
+                if corner is None:
+                    refused[length, width] = height
+                    break
+                most = min(int(self.waiting[run]), int(free / volume))
+                if weight and left < math.inf:
+                    most = min(most, int(left // weight))
+                along, rows = 1, 1
+                if most > 1:
+                    row, beside = top.alike_beside((length, width, height), corner)
+                    along = max(1, min(row, most))
+                    rows = max(1, min(beside, most // along)) if along == row else 1
+                corners = top.place((length, width, height), corner, along, rows)
+                yield run, int(self.count[run] - self.waiting[run]), corners
+                self.waiting[run] -= len(corners)
+                free, left = free - len(corners) * volume, left - len(corners) * weight
+                refused.clear()
+                came = True
+            if came:
+                offered = offered[self._may(offered, free, left)]
+
+    def _may(self, runs: slice | np.ndarray, free: float, left: float) -> np.ndarray:
+        may: np.ndarray = (self.volume[runs] <= free) & (self.weight[runs] <= left)
+        return may
+
+
+def runs_of(loading: Loading, genes: Genes, whole: bool = True) -> list[Run]:
+    """The runs of one lane in its order, or one run for every item."""
+    item, turn = loading.items[genes.order], genes.turn[genes.order]
+    change = (np.diff(item) != 0) | (np.diff(turn) != 0) | (not whole)
+    starts = np.concatenate([[0], np.flatnonzero(change) + 1])
+    counts = np.diff(np.append(starts, len(item)))
+    rows = zip(item[starts].tolist(), turn[starts].tolist(), counts.tolist(), strict=True)
+    return [Run(*row) for row in rows]
+
+
+def genes_of(loading: Loading, runs: list[Run], pool: np.ndarray) -> Genes:
+    """The lane of some runs; copies of an item take its rows as they come."""
+    kind = np.repeat([run.item for run in runs], [run.count for run in runs])
+    order = np.empty(len(kind), np.int32)
+    order[np.argsort(kind, kind="stable")] = np.arange(len(kind))
+    turn = np.empty(len(kind), np.int32)
+    turn[order] = np.repeat([run.turn for run in runs], [run.count for run in runs])
+    return Genes(order, turn, pool)
+
+
+def cost_of(stock: Stock, bin: np.ndarray) -> float:
+    """Price of the bins, then how unevenly they are filled, as in `local_search`."""
+    volume = stock.sizes[:, 0].astype(np.float64).prod(1)
+    room = stock.bins.astype(np.float64).prod(1)
+    packed = bin >= 0
+    held = np.bincount(bin[packed], volume[packed], len(room))
+    even = float((held * held / room).sum() / max(held.sum(), 1e-9))
+    missing = float((~packed).mean())
+    left_out = float(stock.penalty) * (1 + missing) if missing else 0.0
+    return float(stock.price[held > 0].sum()) + WEIGHT_OF_FILL * (1 - even) + left_out
+
+
+def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
+    bin, corner = pack_quickly(loading, genes, stop)
+    return None if stop() else Best(genes, bin, corner, cost_of(loading.stock, bin))
+
+
+def _changed(
+    loading: Loading, pool: np.ndarray, runs: list[Run], random: np.random.Generator, several: bool
+) -> Genes:
+    """One random change: a run elsewhere, two exchanged, one turned, in part or whole; or bins."""
+    runs = list(runs)
+    one, two = random.integers(len(runs), size=2).tolist()
+    run, choice = runs[one], random.random()
+    ways = len(loading.ways[run.item])
+    if several and choice < 0.2:
+        first, second = (
+            random.integers(min(len(pool), 2 * len(runs) + 8)),
+            random.integers(len(pool)),
+        )
+        pool = pool.copy()
+        pool[[first, second]] = pool[[second, first]]
+    elif ways > 1 and (choice > 0.7 or len(runs) == 1):
+        turned = int((run.turn + random.integers(1, ways)) % ways)
+        part = run.count if random.random() < 0.5 else int(random.integers(1, run.count + 1))
+        runs[one : one + 1] = [Run(run.item, turned, part), run._replace(count=run.count - part)]
+        runs = [some for some in runs if some.count]
+    elif choice < 0.45:
+        runs[one], runs[two] = runs[two], runs[one]
+    else:
+        part = run.count if random.random() < 0.5 else int(random.integers(1, run.count + 1))
+        runs[one] = run._replace(count=run.count - part)
+        runs.insert(two, run._replace(count=part))
+        runs = [some for some in runs if some.count]
+    return genes_of(loading, runs, pool)
+
+
+def _shuffled(loading: Loading, pool: np.ndarray, random: np.random.Generator) -> Genes:
+    kinds, counts = np.unique(loading.items, return_counts=True)
+    chosen = random.permutation(len(kinds))
+    runs = [
+        Run(int(kinds[n]), int(random.integers(len(loading.ways[kinds[n]]))), int(counts[n]))
+        for n in chosen
+    ]
+    return genes_of(loading, runs, pool)
+
+
+def _stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> None:
+    """Packs what is not packed yet into bins of its own, each item on its like: in one pass.
+
+    Columns stand side by side along x, and such rows one behind the other along y.
+    """
+    stock, used = loading.stock, np.zeros(len(loading.bins), bool)
+    used[bin[bin >= 0]] = True
+    slots = iter([slot for slot in genes.pool.tolist() if not used[slot]])
+    waiting = genes.order[bin[genes.order] < 0]
+    kinds = loading.items[waiting] * 8 + genes.turn[waiting]
+    groups = np.split(waiting, np.flatnonzero(np.diff(kinds)) + 1)
+    step, no_limit = int(stock.step), np.iinfo(stock.limit.dtype).max
+    slot, room, left, x, y, depth = -1, [0, 0, 0], 0, 0, 0, 0
+    for rows in groups:
+        size = stock.sizes[rows[0], genes.turn[rows[0]]].tolist()
+        weight = int(stock.weight[rows[0]])
+        across, behind = (-(-side // step) * step for side in size[:2])
+        while len(rows):
+            high = min(room[2] // size[2], left // weight if weight else len(rows), len(rows))
+            if x + size[0] > room[0]:
+                x, y, depth = 0, y + depth, 0
+            if not high or x + size[0] > room[0] or y + size[1] > room[1]:
+                slot = next(slots, -1)
+                if slot < 0:
+                    return
+                room = stock.bins[slot].tolist()
+                left = int(stock.limit[slot])
+                left = 2**62 if left == no_limit else left
+                x = y = depth = 0
+                continue
+            columns = min((room[0] - x - size[0]) // across + 1, len(rows) // high)
+            columns = min(columns, left // (weight * high)) if weight else columns
+            count = max(1, columns) * high
+            number = np.arange(count)
+            bin[rows[:count]] = slot
+            corner[rows[:count], 0] = x + number // high * across
+            corner[rows[:count], 1] = y
+            corner[rows[:count], 2] = number % high * size[2]
+            x, depth, left = x + max(1, columns) * across, max(depth, behind), left - count * weight
+            rows = rows[count:]

@@ -1,51 +1,25 @@
 """From a job to a plan, in the time that is given: the best of everything that was tried."""
 
-import math
-import os
-import threading
-import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import Future, wait
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TypeVar
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import inf
+from time import perf_counter
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxpack.learning.recipe import Policy
-from jaxpack.loading.exact import exact
-from jaxpack.loading.figures import cost_bound, lower_bound, total_cost
-from jaxpack.loading.job import Job, Placement, Plan, Sides
-from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import (
-    ANNEAL,
-    AS_GIVEN,
-    BREED,
-    Best,
-    Genes,
-    Lanes,
-    advance,
-    exchange,
-    fresh_lanes,
-    join,
-)
-from jaxpack.loading.quick import LANES as QUICK
-from jaxpack.loading.quick import quick_plan
-from jaxpack.loading.stock import Loading, first_genes, load_job, plan_of
-from jaxpack.loading.units import units_of
+from jaxpack.loading.background import SearchProcess, borrow, give_back
+from jaxpack.loading.bounds import Bounds, bounds
+from jaxpack.loading.figures import plan_worth, total_cost
+from jaxpack.loading.job import Job, Plan
+from jaxpack.loading.quick import Best, quick_plan, search_quickly
+from jaxpack.loading.stock import Loading, Rules, compiles, lane_genes, load_job, plan_of
 from jaxpack.loading.validate import check_plan
 
-T = TypeVar("T")
-
-LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
-ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
-BREATH = 0.25  # seconds
-THREAD = "jaxpack plan"  # name of those that compile and search
-EXCHANGE = 4  # dispatches after which those that breed and those that anneal share their best
-HEAT = 0.02  # of the annealing at the start, in bins
+TICK = 0.05  # seconds between looks at the clock
+FIRST = 0.5  # share of the time after which the first plan is ended in columns
+BOUNDING = 0.15  # share of the time that bounds may take
+PER_ITEM = 3e-5  # seconds to check a plan and say what it amounts to, on a slow core
 
 
 @dataclass(frozen=True)
@@ -54,266 +28,214 @@ class SolveOptions:
 
     time_limit: float = 10.0  # seconds, compilation included
     seed: int = 0
-    support: float = 0.5  # least share of a footprint that must be carried
-    resolution: float | None = None  # round sizes up to this grid; exact if not given
+    support: float = Rules.support
+    inclusive: bool = Rules.inclusive
+    resolution: float | None = None  # corners stand on a grid of this length; anywhere if not given
     skip_unfit: bool = False
+    policy: bool = True  # whether the shipped policy draws orders for the search to go on from
+
+    @property
+    def rules(self) -> Rules:
+        """What holds for every item."""
+        return Rules(self.support, self.inclusive)
+
+
+class End(Enum):
+    """What ends a search."""
+
+    BOUND = auto()  # no plan can be better
+    TIME = auto()
+    UNREADY = auto()  # time, before the compiled search was ready
+    INTERRUPT = auto()
 
 
 @dataclass(frozen=True)
 class Progress:
-    """The best plan so far."""
+    """The best plan so far. It has passed the check."""
 
     plan: Plan
     bins: int
     cost: float
-    bound: int  # no plan has fewer bins
+    bounds: Bounds
     seconds: float  # since the start
     packings: int  # tried so far
-    limited_by: str = "time"  # what ends the search
+    end: End | None  # of the search; None where it goes on
 
 
 def solve_job(
-    job: Job, options: SolveOptions = SolveOptions(), policy: Policy | None = None
+    job: Job,
+    options: SolveOptions = SolveOptions(),
+    stop: Callable[[], bool] = lambda: False,
 ) -> Progress:
-    """The best plan found in the time: checked, in the user's units. `policy`: see `improve`.
-
-    Raises:
-        UserError: where an item fits no bin, or the bins that there are do not hold the items.
-        InvalidPlanError: never, unless this program is wrong.
-    """
-    last = None
-    for progress in improve(job, options, policy):
-        last = progress
-    assert last is not None
+    """The last one of `improve`."""
+    *_, last = improve(job, options, stop)
     return last
 
 
 def improve(
     job: Job,
     options: SolveOptions = SolveOptions(),
-    policy: Policy | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[Progress]:
     """Better and better plans until the time is up, the last one being the best.
 
     Args:
-        policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
-        stop: asked before every turn of the search, once it is compiled; ends it early.
+        job: what is packed into what.
+        options: how.
+        stop: asked many times a second; ends the search early, with a plan.
 
     Raises:
         UserError: where an item fits no bin.
         InvalidPlanError: never, unless this program is wrong.
     """
-    begun = time.perf_counter()
-    units = units_of(job, options.resolution)
-    loading, left_out = load_job(job, units, options.support, True, options.skip_unfit)
-    slack = 0.0 if units.exact else float(units.length)
-    goal = _Goal(job, lower_bound(job), cost_bound(job), len(left_out))
-    packings, best_cost, best_worth = 0, math.inf, (math.inf, math.inf)
-    for best, tried in _searches(loading, options, policy, begun, stop):
-        packings += tried
-        if float(best.cost) > best_cost - 1e-6:
-            continue
-        best_cost = float(best.cost)
-        found = _decoded(loading, best, left_out)
-        # What the search compares is without the exchange of bins for cheaper ones.
-        if (worth := (len(found.left_out), total_cost(job, found))) > best_worth:
-            continue
-        plan, best_worth = found, worth
-        check_plan(job, plan, options.support, True, slack)
-        reached = goal.reached_by(plan)
-        yield _progress(goal, plan, begun, packings, "the bound" if reached else "time")
-        if reached:
-            return
-    compiling = packings <= len(QUICK)
-    ended = "time, which went into compiling" if compiling else "time"
-    yield _progress(goal, plan, begun, packings, "an interrupt" if stop() else ended)
+    begun = perf_counter()
+    loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
+    record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
+    end = begun + options.time_limit - PER_ITEM * len(loading.items)
+
+    def late() -> bool:
+        return perf_counter() > end or stop()
+
+    for found, tried in _searches(loading, options, begun, end, late, stop):
+        if progress := record.with_one(found, tried):
+            yield progress
+            if progress.end:
+                return
+    searched = record.packings_compiled or not compiles(loading)
+    ended = End.INTERRUPT if stop() else End.TIME if searched else End.UNREADY
+    yield record.progress(ended)
 
 
-@dataclass(frozen=True)
-class _Goal:
-    """What no plan can better."""
+class _Record:
+    """The best plan that a search has met."""
 
-    job: Job
-    bound: int  # bins
-    least_cost: float
-    unfit: int  # copies that are left out whatever happens
+    def __init__(self, loading: Loading, bounds: Bounds, begun: float) -> None:
+        self.loading, self.bounds, self.begun = loading, bounds, begun
+        self.packings = self.packings_compiled = 0
+        self.cost, self.worth = inf, (inf,)
+        self.plan = Plan(())
 
-    def reached_by(self, plan: Plan) -> bool:
-        """Whether there is nothing left to win."""
-        cheap = total_cost(self.job, plan) <= self.least_cost * (1 + 1e-9)
-        alike = len({bin.price for bin in self.job.bins}) == 1
-        few = alike and len(plan.bins) <= self.bound
-        return len(plan.left_out) == self.unfit and (cheap or few)
+    def with_one(self, found: Best | None, tried: int) -> Progress | None:
+        """With one packing more: the progress it is, None if it is none."""
+        self.packings += tried
+        if found is None or found.cost > self.cost - 1e-6:
+            return None
+        self.cost = found.cost
+        genes, loading = found.genes, self.loading
+        types = cheapest_types(loading, genes.turn, found.bin, found.corner)
+        plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
+        worth = plan_worth(loading.job, plan)
+        if worth >= self.worth:
+            return None
+        check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
+        self.plan, self.worth = plan, worth
+        return self.progress(End.BOUND if self._at_bound() else None)
 
+    def progress(self, end: End | None) -> Progress:
+        """What there is now."""
+        job, plan, seconds = self.loading.job, self.plan, perf_counter() - self.begun
+        cost = total_cost(job, plan)
+        return Progress(plan, len(plan.bins), cost, self.bounds, seconds, self.packings, end)
 
-def _progress(goal: _Goal, plan: Plan, begun: float, packings: int, limited_by: str) -> Progress:
-    seconds, cost = time.perf_counter() - begun, total_cost(goal.job, plan)
-    return Progress(plan, len(plan.bins), cost, goal.bound, seconds, packings, limited_by)
+    def _at_bound(self) -> bool:
+        return self.bounds.reached_by(self.loading.job, self.plan)
 
 
 def _searches(
     loading: Loading,
     options: SolveOptions,
-    policy: Policy | None,
     begun: float,
+    end: float,
+    late: Callable[[], bool],
     stop: Callable[[], bool],
-) -> Iterator[tuple[Best, int]]:
-    """(a packing, the best one of the search, packings tried since), until the time is up."""
-    end = begun + options.time_limit
-    many = LANES if len(loading.stock.mask) <= MANY_ITEMS else FEW_LANES
-    lanes = yield from _first_lanes(loading, options.seed, many, end)
-    if lanes is None:
+) -> Iterator[tuple[Best | None, int]]:
+    """(a packing or None, packings tried since), until it is late: first of all one at once."""
+    first_end = begun + FIRST * (end - begun)
+    genes = lane_genes(loading, options.seed, 0)
+    best = quick_plan(loading, genes, lambda: perf_counter() > first_end or stop())
+    yield best, 1
+    if not compiles(loading):
+        for found in search_quickly(loading, options.seed, best, late):
+            yield found, int(found is not None)
         return
-    drawn, seeds = None, list[Genes]()
-    if policy:
-        drawn = _in_thread(partial(policy_genes, loading, policy, options.seed))
-    # Two on every core, which take turns: the even ones breed, the odd ones anneal.
-    islands = [lanes._replace(key=key) for key in jax.random.split(lanes.key, 2 * _cores())]
-    turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
-    while (now := time.perf_counter()) + max(lasted) < end and not stop():
-        heat = HEAT * ((end - now) / options.time_limit) ** 2
-        how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
-        guests = [None] * (len(mine) - 1) + [seeds.pop() if seeds else None]
-        work = [
-            _in_thread(partial(dispatch, loading, some, how, rounds, heat, others))
-            for some, others in zip(mine, guests, strict=True)
-        ]
-        results = [_within(end - time.perf_counter(), task) for task in work]
-        done = [some for some in results if some is not None]
-        if len(done) < len(work):
-            return
-        tried = many * (rounds * len(done) + bool(guests[-1]))
-        if 2 * (time.perf_counter() - now) < BREATH:
-            rounds = min(2 * rounds, ROUNDS)
-        if drawn and drawn.done():
-            orders, drawn = drawn.result(), None
-            parts = range(0, len(orders.order), many)
-            seeds = [jax.tree.map(lambda leaf: leaf[i : i + many], orders) for i in parts]  # noqa: B023
-        islands[turn % 2 :: 2] = done
-        turn += 1
-        if turn % EXCHANGE == 0:
-            islands = _exchanged(islands, turn // EXCHANGE % 2)
-        lasted.append(time.perf_counter() - now)
-        yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+    process = borrow()
+    try:
+        yield from _beside(process, loading, options, end, best, late)
+    finally:
+        give_back(process)
 
 
-def _first_lanes(
-    loading: Loading, seed: int, many: int, end: float
-) -> Generator[tuple[Best, int], None, Lanes | None]:
-    """Plans until the search is compiled; returns its first lanes, None if time was up before."""
-    # The first plan is made at once: it may be all that it takes.
-    if best := quick_plan(loading, seed, QUICK[0], lambda: False):
-        yield best, 1
-    genes = first_genes(loading, np.random.default_rng(seed), many)
-    lanes = fresh_lanes(jax.random.key(seed), genes)
-    compiled = _in_thread(partial(dispatch, loading, lanes, AS_GIVEN, 1, 0.0))
-
-    def unwanted() -> bool:
-        return compiled.done() or time.perf_counter() > end
-
-    for lane in QUICK[1:]:
-        if best := quick_plan(loading, seed, lane, unwanted):
-            yield best, 1
-    first = _within(end - time.perf_counter(), compiled)
-    if first is not None:
-        yield first.best, many
-    return first
-
-
-def dispatch(
+def _beside(
+    process: SearchProcess,
     loading: Loading,
-    lanes: Lanes,
-    how: int,
-    rounds: int,
-    heat: float,
-    guests: Genes | None = None,
-) -> Lanes:
-    """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
-    if guests:
-        others = dispatch(loading, fresh_lanes(lanes.key, guests), AS_GIVEN, 1, 0.0)
-        lanes = join(lanes, others)
-    numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-    return jax.block_until_ready(advance(loading.rules, loading.stock, lanes, *numbers))
-
-
-def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
-    """After all neighbours from the first on have exchanged their best: the last one's is first."""
-    islands = islands[first:] + islands[:first]
-    pairs = zip(islands[::2], islands[1::2], strict=True)
-    islands = [lanes for pair in pairs for lanes in exchange(*pair)]
-    return islands[-first:] + islands[:-first] if first else islands
-
-
-def _decoded(loading: Loading, best: Best, left_out: tuple[int, ...]) -> Plan:
-    order, turn, bin, corner = map(
-        np.asarray, (best.genes.order, best.genes.turn, best.bin, best.corner)
+    options: SolveOptions,
+    end: float,
+    best: Best,
+    late: Callable[[], bool],
+) -> Iterator[tuple[Best | None, int]]:
+    """Packings of the search in NumPy until the compiled one is ready, of that one from then on."""
+    policy = f"bin-aware-{loading.job.dimension}d-turned" if options.policy else ""
+    process.ask(loading, options.seed, end - perf_counter(), best.genes, policy)
+    waiting = search_quickly(
+        loading, options.seed, best, lambda: late() or (process.ready and process.alive)
     )
-    return with_cheapest_bins(loading.job, plan_of(loading, order, turn, bin, corner, left_out))
+    for found in waiting:
+        if found is not None:
+            yield found, 1
+    while not late():
+        reply = process.next(min(TICK, end - perf_counter()))
+        if isinstance(reply, int):
+            yield None, reply
+        elif reply is not None:
+            yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
+        elif not process.alive:  # it ran out of memory, or somebody ended it
+            for found in search_quickly(loading, options.seed + 1, best, late):
+                yield found, int(found is not None)
 
 
-def _in_thread(work: Callable[[], T]) -> Future[T]:
-    """Begins the work.
+def cheapest_types(
+    loading: Loading, turn: np.ndarray, bin: np.ndarray, corner: np.ndarray
+) -> dict[int, int]:
+    """For every bin that is used the type to take for it: the cheapest one left that can hold it.
 
-    Nobody waits for a compilation that came too late but the interpreter, at its end: it would
-    fall over one that is under way.
+    Args:
+        loading: what was packed.
+        turn, bin, corner: of one lane, by row of the stock.
+
+    Returns:
+        Index of `Stock.bins` -> index in Job.bins.
     """
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:
-            future.set_exception(error)
-
-    threading.Thread(target=run, name=THREAD).start()
-    return future
-
-
-def _within(seconds: float, future: Future[T]) -> T | None:
-    """What comes of it, None if not in so many seconds."""
-    wait((future,), max(seconds, 0))
-    return future.result() if future.done() else None
-
-
-def _cores() -> int:
-    return max(1, min(len(os.sched_getaffinity(0)), 8)) if hasattr(os, "sched_getaffinity") else 1
-
-
-def with_cheapest_bins(job: Job, plan: Plan) -> Plan:
-    """The same packing with every bin exchanged for the cheapest one left that can hold it."""
-    left = {number: bin.copies for number, bin in enumerate(job.bins)}
-    needs = []
-    for packed in plan.bins:
-        ends = [
-            [
-                exact(at) + exact(side)
-                for at, side in zip(put.corner, _extent(job, put), strict=True)
-            ]
-            for put in packed.placements
-        ]
-        reach = tuple(max(end) for end in zip(*ends, strict=True))
-        needs.append((reach, math.fsum(job.items[put.item].weight for put in packed.placements)))
-    chosen: dict[int, int] = {}
+    job, stock = loading.job, loading.stock
+    slots, number = np.unique(bin[bin >= 0], return_inverse=True)
+    own = loading.bins[slots]
+    as_packed = dict(zip(slots.tolist(), own.tolist(), strict=True))
+    if len(job.bins) == 1:
+        return as_packed
+    rows = np.flatnonzero(bin >= 0)
+    ends = corner[rows].astype(np.int64) + stock.sizes[rows, turn[rows]]
+    reach, weight = np.zeros((len(slots), 3), np.int64), np.zeros(len(slots), np.int64)
+    np.maximum.at(reach, number, ends)
+    np.add.at(weight, number, stock.weight[rows].astype(np.int64))
+    kinds, first = np.unique(loading.bins, return_index=True)
+    no_limit = np.iinfo(stock.limit.dtype).max
+    prices = [
+        (stock.price[row], kind) for kind, row in zip(kinds.tolist(), first.tolist(), strict=True)
+    ]
+    left = {kind: job.bins[kind].copies for kind in kinds.tolist()}
+    chosen = {}
     # The dearest bins choose first: they have the most to save.
-    for number in sorted(range(len(needs)), key=lambda n: -job.bins[plan.bins[n].bin].price):
-        reach, weight = needs[number]
+    for n in np.argsort(-stock.price[slots], kind="stable").tolist():
         able = [
-            kind
-            for kind, bin in enumerate(job.bins)
+            (price, kind != own[n], kind)
+            for (price, kind), row in zip(prices, first.tolist(), strict=True)
             if left[kind] != 0
-            and weight <= bin.max_weight
-            and all(end <= exact(side) for end, side in zip(reach, bin.size, strict=True))
+            and (reach[n] <= stock.bins[row]).all()
+            and (stock.limit[row] == no_limit or weight[n] <= stock.limit[row])
         ]
-        own = plan.bins[number].bin
         if not able:  # another one took the copy it had
-            return plan
-        chosen[number] = min(able, key=lambda kind: (job.bins[kind].price, kind != own))
-        copies = left[chosen[number]]
-        left[chosen[number]] = None if copies is None else copies - 1
-    bins = tuple(replace(packed, bin=chosen[n]) for n, packed in enumerate(plan.bins))
-    return replace(plan, bins=bins)
-
-
-def _extent(job: Job, put: Placement) -> Sides:
-    return job.items[put.item].turned(put.orientation)
+            return as_packed
+        kind = min(able)[2]
+        chosen[int(slots[n])] = kind
+        copies = left[kind]
+        left[kind] = None if copies is None else copies - 1
+    return chosen

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxpack.packing.height_map import Triple
-from jaxpack.packing.problem import area_needed
 from jaxpack.packing.top_faces import (
     Edges,
     Faces,
@@ -24,7 +24,7 @@ from jaxpack.packing.top_faces import (
 
 STAGES = (4, 8, 16, 32, 64, 128, 256, 512)
 """A bin with so many candidates an axis or fewer costs what one with exactly so many does."""
-SLACK = 1 + 1e-5  # of volumes, which are sums in float32
+ROUNDING = 2.0**-22  # of one sum of volumes in float32, which are rounded
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,14 @@ class ExactRules:
 
     most: int  # M, items that a bin can hold
     flat: bool = False  # 2D: nothing ever lies behind anything
-    support: float = 0.5  # share of a footprint that must be carried, 0 to 1
-    inclusive: bool = True  # whether exactly that share is enough
 
 
 class Items(NamedTuple):
     """Items in packing order, turned as they are to be packed; a trailing batch axis."""
 
     size: Array  # int32 [N, 3, B], units: along x, y and z
-    weight: Array  # int32 [N, B], units of weight
+    needed: Array  # int32 or int64 [N, B], area of the footprint that must be carried
+    weight: Array  # int32 or int64 [N, B], units of weight
     waiting: Array  # bool [N, B], False for what is not to be packed
 
 
@@ -49,7 +48,8 @@ class Bins(NamedTuple):
     """The bins in the order in which they are filled."""
 
     size: Array  # int32 [S, 3, B], units
-    limit: Array  # int32 [S, B], units of weight
+    limit: Array  # [S, B], units of weight, of the type of `Items.weight`; its largest: no limit
+    step: Array  # int32[], units: corners along x and y are multiples of it
 
 
 class Layout(NamedTuple):
@@ -67,7 +67,7 @@ class _Open(NamedTuple):
     faces: Faces
     x: Edges
     y: Edges
-    weight: Array  # int32 [B], that may still be loaded
+    weight: Array  # int32 or int64 [B], that may still be loaded
     volume: Array  # float32 [B], that is still free
     shut: Array  # bool [N, B], like what was refused since the last came in, or higher
 
@@ -77,14 +77,29 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
 
     A turn offers one item to one bin, in every batch member to its own. Items that are too
     heavy or too large for what is free are passed over without a turn.
+
+    Args:
+        rules: what is static.
+        items: in packing order.
+        bins: in the order in which they are filled.
+
+    Returns:
+        The placements; int32 whatever the types of areas and weights.
     """
+    # Areas and weights of 64 bits are whole numbers here and nowhere else: all that touches them
+    # has to be traced like this. Every other type is written out.
+    with jax.enable_x64(True):
+        return _pack(rules, items, bins)
+
+
+def _pack(rules: ExactRules, items: Items, bins: Bins) -> Layout:
     N, _, B = items.size.shape
     S = bins.limit.shape[0]
-    lane = jnp.arange(B)
-    index = jnp.arange(N)[:, None]
-    needed = area_needed(rules.support, rules.inclusive, items.size[:, 0] * items.size[:, 1])
+    lane = jnp.arange(B, dtype=jnp.int32)
+    index = jnp.arange(N, dtype=jnp.int32)[:, None]
+    unlimited = np.iinfo(bins.limit.dtype).max
     volume = items.size.astype(jnp.float32).prod(1)
-    room_volume = bins.size.astype(jnp.float32).prod(1) * SLACK
+    room_volume = bins.size.astype(jnp.float32).prod(1) * np.float32(1 + N * ROUNDING)
 
     def opened(slot: Array) -> _Open:
         inside = jnp.minimum(slot, S - 1)
@@ -95,7 +110,7 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
             no_edges(rules.most + 1, B),
             no_edges(1 if rules.flat else rules.most + 1, B),
             jnp.where(slot < S, bins.limit[inside, lane], -1),
-            jnp.where(slot < S, room_volume[inside, lane], 0),
+            jnp.where(slot < S, room_volume[inside, lane], np.float32(0)),
             jnp.zeros((N, B), bool),
         )
 
@@ -117,7 +132,7 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
         size = (sides[0], sides[1], sides[2])
         room = bins.size[jnp.minimum(current.slot, S - 1), :, lane].T
         corner, fits = _place(
-            rules, current, size, needed[item, lane], (room[0], room[1], room[2]), found
+            rules, current, size, items.needed[item, lane], (room[0], room[1], room[2]), found
         )
         where = jnp.where(fits, item, N)
         like = (items.size[:, :2] == sides[:2]).all(1) & (items.size[:, 2] >= size[2]) & found
@@ -125,13 +140,15 @@ def pack_exact(rules: ExactRules, items: Items, bins: Bins) -> Layout:
             layout.bin.at[where, lane].set(current.slot, mode="drop"),
             layout.corner.at[where, :, lane].set(jnp.stack(corner).T, mode="drop"),
         )
+        taken = jnp.where(fits & (current.weight < unlimited), items.weight[item, lane], 0)
+        x, y = (-(-(corner[axis] + size[axis]) // bins.step) * bins.step for axis in (0, 1))
         current = current._replace(
             next=jnp.where(found, item + 1, current.next),
             faces=put_on(current.faces, size, corner, fits),
-            x=add_edge(current.x, corner[0] + size[0], fits),
-            y=current.y if rules.flat else add_edge(current.y, corner[1] + size[1], fits),
-            weight=current.weight - jnp.where(fits, items.weight[item, lane], 0),
-            volume=current.volume - jnp.where(fits, volume[item, lane], 0),
+            x=add_edge(current.x, x, fits),
+            y=current.y if rules.flat else add_edge(current.y, y, fits),
+            weight=current.weight - taken,
+            volume=current.volume - jnp.where(fits, volume[item, lane], np.float32(0)),
             shut=(current.shut | like) & ~fits,
         )
         return current, waiting.at[where, lane].set(False, mode="drop"), layout
@@ -162,6 +179,6 @@ def _place(
         return place
 
     used = jnp.where(found, jnp.maximum(x.used, y.used), 0).max()
-    stage = jnp.searchsorted(jnp.asarray(stages), used)
+    stage = jnp.searchsorted(jnp.asarray(stages, jnp.int32), used).astype(jnp.int32)
     corner, fits = jax.lax.switch(stage, [among(edges) for edges in stages])
     return corner, fits & found

@@ -6,7 +6,8 @@ the highest face under its footprint, and enough of the footprint must lie on fa
 that height. A face that is partly covered needs no care: whatever covers it is higher.
 
 Arrays have a trailing batch axis B, as in `height_map`. M is the most items that a bin holds, X
-and Y are numbers of candidate coordinates. Areas of footprints must fit int32.
+and Y are numbers of candidate coordinates. A side of a bin has at most 2^30 units; areas have the
+type of `needed`, int32 or int64, and must fit it.
 """
 
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from jaxpack.packing.height_map import Triple
 
 NOWHERE = np.iinfo(np.int32).max
 """The resting height where an item is not allowed, the coordinate that is none."""
-FARTHEST = NOWHERE // 2
+FARTHEST = 2**30 - 1  # of corners: far edges then fit int32
 
 
 class Faces(NamedTuple):
@@ -49,15 +50,15 @@ def no_faces(most: int, batch: int) -> Faces:
 
 def no_edges(most: int, batch: int) -> Edges:
     """The candidates in an empty bin: 0."""
-    at = jnp.full((most, batch), NOWHERE).at[0].set(0)
+    at = jnp.full((most, batch), NOWHERE, jnp.int32).at[0].set(0)
     return Edges(at, jnp.ones(batch, jnp.int32))
 
 
 def add_edge(edges: Edges, far: Array, fits: Array) -> Edges:
     """With the far edge (int32 [B]) of what was placed where it fits."""
     new = fits & (edges.at != far).all(0)
-    here = (jnp.arange(edges.at.shape[0])[:, None] == edges.used) & new
-    return Edges(jnp.where(here, far, edges.at), edges.used + new)
+    here = (jnp.arange(len(edges.at), dtype=jnp.int32)[:, None] == edges.used) & new
+    return Edges(jnp.where(here, far, edges.at), edges.used + new.astype(jnp.int32))
 
 
 def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, room: Triple) -> Array:
@@ -66,12 +67,14 @@ def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, roo
     Args:
         xs, ys: int32 [X, B] and [Y, B], candidate coordinates of the corner.
         size: length, width, height of the item: int32 [B] each.
-        needed: int32 [B], area that must lie on faces at the resting height.
+        needed: int32 or int64 [B], area that must lie on faces at the resting height. Where it is
+            int64 this has to be called with x64 enabled.
         room: length, width, height of the bin: int32 [B] each.
 
     Returns:
         int32 [X, Y, B].
     """
+    area_type = needed.dtype
     start = jnp.minimum(xs, FARTHEST)[:, None], jnp.minimum(ys, FARTHEST)[None]
     end = start[0] + size[0], start[1] + size[1]
 
@@ -82,12 +85,15 @@ def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, roo
         over_x = jnp.minimum(end[0], far_x) - jnp.maximum(start[0], near_x)
         over_y = jnp.minimum(end[1], far_y) - jnp.maximum(start[1], near_y)
         touches = (over_x > 0) & (over_y > 0) & (top >= z)
-        area = over_x * over_y + jnp.where(top == z, carried, 0)
+        area = over_x.astype(area_type) * over_y.astype(area_type)
+        area += jnp.where(top == z, carried, 0)
         return jnp.where(touches, top, z), jnp.where(touches, area, carried)
 
-    nothing = jnp.zeros((len(xs), len(ys), xs.shape[-1]), jnp.int32)
-    z, carried = jax.lax.fori_loop(0, faces.used.max(), under, (nothing, nothing))
-    carried = jnp.where(z == 0, size[0] * size[1], carried)  # the floor
+    places = (len(xs), len(ys), xs.shape[-1])
+    nothing = jnp.zeros(places, jnp.int32), jnp.zeros(places, area_type)
+    z, carried = jax.lax.fori_loop(0, faces.used.max(), under, nothing)
+    floor = size[0].astype(area_type) * size[1].astype(area_type)
+    carried = jnp.where(z == 0, floor, carried)
     inside = (xs <= room[0] - size[0])[:, None] & (ys <= room[1] - size[1])
     allowed = inside & (z <= room[2] - size[2]) & (carried >= needed)
     return jnp.where(allowed, z, NOWHERE)
@@ -105,7 +111,7 @@ def lowest_corner(xs: Array, ys: Array, z: Array) -> tuple[Triple, Array]:
 def put_on(faces: Faces, size: Triple, corner: Triple, fits: Array) -> Faces:
     """The faces after an item of `size` has come to rest at `corner`, where it fits."""
     x, y, z = corner
-    row = jnp.arange(faces.top.shape[0])[:, None]
+    row = jnp.arange(len(faces.top), dtype=jnp.int32)[:, None]
     here = (row == faces.used) & fits
 
     def write(column: Array, value: Array) -> Array:
@@ -117,7 +123,7 @@ def put_on(faces: Faces, size: Triple, corner: Triple, fits: Array) -> Faces:
         near_y=write(faces.near_y, y),
         far_y=write(faces.far_y, y + size[1]),
         top=write(faces.top, z + size[2]),
-        used=faces.used + fits,
+        used=faces.used + fits.astype(jnp.int32),
     )
 
 

@@ -1,0 +1,170 @@
+"""A bin without a grid in NumPy, for what cannot wait for a compiler: one item a call.
+
+A bin is a map of heights between lines: those along which items end, across the bin from wall to
+wall. The placements are those of `top_faces`, to the unit; the time of one grows with the number
+of cells between the lines, not with cells times items.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Place = tuple[int, int, int]
+Sides = tuple[int, int, int]
+
+NOWHERE = np.iinfo(np.int64).max
+"""The resting height where an item is not allowed."""
+
+
+@dataclass
+class Lines:
+    """Where cells begin along one axis: ascending, from 0 to the far wall."""
+
+    at: np.ndarray  # int64 [C + 1], units; C cells lie between
+    corner: np.ndarray  # bool [C + 1], whether items may stand there with their near edge
+    step: int  # units, of which corners are multiples
+
+    def with_ends(self, starts: np.ndarray, length: int) -> tuple["Lines", np.ndarray]:
+        """With the near and far edges of items, and the old cell that each new one is part of."""
+        wall = self.at[-1]
+        ends = starts + length
+        stands = -(-ends // self.step) * self.step
+        at = np.unique(np.concatenate([self.at, starts, ends, stands[stands <= wall]]))
+        corner = np.isin(at, np.concatenate([self.at[self.corner], stands]))
+        return Lines(at, corner, self.step), np.searchsorted(self.at, at[:-1], "right") - 1
+
+
+class TopMap:
+    """What lies in one bin, seen from above."""
+
+    def __init__(self, room: Sides, flat: bool = False, step: int = 1) -> None:
+        """An empty bin.
+
+        Args:
+            room: length, width, height of the bin, units.
+            flat: 2D, where nothing ever lies behind anything.
+            step: units; corners along x and y are multiples of it.
+        """
+        self.room = room
+        self.flat = flat
+        corner = np.array([True, False])
+        self.x, self.y = (Lines(np.array([0, side]), corner, step) for side in room[:2])
+        self.top = np.zeros((1, 1), np.int64)  # of every cell
+
+    def lowest(self, size: Sides, needed: int, stop: Callable[[], bool]) -> Place | None:
+        """Minimum z, then y, then x, of the places where an item may stand; None if there is none.
+
+        Args:
+            size: length, width, height of the item, units.
+            needed: area of its footprint that must lie on what is at its resting height.
+            stop: asked between one height and the next; none of those left is looked at then.
+        """
+        length, width, height = size
+        near_x, far_x = _windows(self.x, length)
+        near_y, far_y = _windows(self.y, width)
+        if not len(near_x) or not len(near_y) or height > self.room[2]:
+            return None
+        z = _window_maxima(_window_maxima(self.top, near_x, far_x).T, near_y, far_y)  # [Y, X]
+        while (least := int(z.min())) <= self.room[2] - height:
+            here = z == least
+            if least:
+                rows, columns = np.flatnonzero(here.any(1)), np.flatnonzero(here.any(0))
+                level = self.top == least
+                carried = _carried(level, self.x, near_x[columns], far_x[columns], length)
+                carried = _carried(carried.T, self.y, near_y[rows], far_y[rows], width)
+                here[np.ix_(rows, columns)] &= carried >= needed
+            if here.any():
+                row, column = divmod(int(here.argmax()), here.shape[1])
+                return int(self.x.at[near_x[column]]), int(self.y.at[near_y[row]]), least
+            if stop():
+                return None
+            z[z == least] = NOWHERE
+        return None
+
+    def alike_beside(self, size: Sides, corner: Place) -> tuple[int, int]:
+        """How many items of one size make full rows along x, and how many rows along y, on what is
+        level with the corner: (0, 0) if not even the first lies on level ground.
+        """
+        (x, y, z), (length, width, _) = corner, size
+        level = self.top == z
+        first, last = np.searchsorted(self.x.at, [x, x + length], "left")
+        front, back = np.searchsorted(self.y.at, [y, y + width], "left")
+        along = _whole(self.x, level[first:, front:back].all(1), first, length)
+        if not along:
+            return 0, 0
+        last = np.searchsorted(self.x.at, x + (along - 1) * _pitch(self.x, length) + length, "left")
+        rows = _whole(self.y, level[first:last, front:].all(0), front, width)
+        return along, 1 if self.flat else rows
+
+    def place(self, size: Sides, corner: Place, along: int = 1, rows: int = 1) -> np.ndarray:
+        """Puts items of one size side by side, from a corner on: along x, then along y.
+
+        Returns:
+            int64 [along * rows, 3], their corners in that order.
+        """
+        x = corner[0] + np.arange(along) * _pitch(self.x, size[0])
+        y = corner[1] + np.arange(rows) * _pitch(self.y, size[1])
+        self.x, old_x = self.x.with_ends(x, size[0])
+        if not self.flat:
+            self.y, old_y = self.y.with_ends(y, size[1])
+            self.top = self.top[old_x[:, None], old_y]
+        else:
+            self.top = self.top[old_x]
+        inside_x, inside_y = (
+            _covered(lines, starts, side)
+            for lines, starts, side in ((self.x, x, size[0]), (self.y, y, size[1]))
+        )
+        self.top[inside_x[:, None] & inside_y] = corner[2] + size[2]
+        places = np.empty((rows, along, 3), np.int64)
+        places[..., 0], places[..., 1], places[..., 2] = x, y[:, None], corner[2]
+        return places.reshape(-1, 3)
+
+
+def _pitch(lines: Lines, length: int) -> int:
+    return -(-length // lines.step) * lines.step
+
+
+def _windows(lines: Lines, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """The cells from .. to (not included) that an item covers, for every corner it fits at."""
+    near = np.flatnonzero(lines.corner & (lines.at + length <= lines.at[-1]))
+    return near, np.searchsorted(lines.at, lines.at[near] + length, "left")
+
+
+def _window_maxima(values: np.ndarray, near: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """Maxima of rows near .. far: [windows, columns], by doubling."""
+    long = np.frexp(far - near)[1] - 1  # the power of two that is not longer than the window
+    maxima = np.empty((len(near), values.shape[1]), values.dtype)
+    doubled = values
+    for power in range(int(long.max()) + 1):
+        mine = np.flatnonzero(long == power)
+        if len(mine):
+            maxima[mine] = np.maximum(doubled[near[mine]], doubled[far[mine] - (1 << power)])
+        doubled = np.maximum(doubled[: -(1 << power)], doubled[1 << power :])
+    return maxima
+
+
+def _carried(
+    level: np.ndarray, lines: Lines, near: np.ndarray, far: np.ndarray, length: int
+) -> np.ndarray:
+    """Sums of rows times their widths under every window, its last cell in part."""
+    cell = level * np.diff(lines.at)[:, None]
+    until = np.zeros((len(cell) + 1, cell.shape[1]), np.int64)
+    np.cumsum(cell, axis=0, out=until[1:])
+    beyond = lines.at[far] - (lines.at[near] + length)
+    under: np.ndarray = until[far] - until[near] - level[far - 1] * beyond[:, None]
+    return under
+
+
+def _whole(lines: Lines, level: np.ndarray, first: int, length: int) -> int:
+    """How many items fit side by side on level cells from the first on."""
+    end = len(level) if level.all() else int(level.argmin())
+    free = int(lines.at[first + end] - lines.at[first]) - length
+    return free // _pitch(lines, length) + 1 if free >= 0 else 0
+
+
+def _covered(lines: Lines, starts: np.ndarray, length: int) -> np.ndarray:
+    """bool [C], whether one of the items lies on the cell."""
+    item = np.searchsorted(starts, lines.at[:-1], "right") - 1
+    covered: np.ndarray = (item >= 0) & (lines.at[:-1] < starts[item] + length)
+    return covered

@@ -1,0 +1,155 @@
+"""The process of the compiled search: it answers, it can be left at any time, and nothing of it
+goes on then.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from jaxpack.loading import background, solver
+from jaxpack.loading.background import SearchProcess, borrow, give_back
+from jaxpack.loading.job import BinType, ItemType, Job
+from jaxpack.loading.solver import End, SolveOptions, improve, solve_job
+from jaxpack.loading.stock import lane_genes, load_job
+from jaxpack.loading.validate import check_plan
+
+# Nine where a bound says eight: the search goes on for as long as it may.
+JOB = Job((ItemType((4.0, 4.0, 4.0), 70), ItemType((5.0, 3.0, 2.0), 9)), (BinType((10.0,) * 3),))
+ANSWER = 200.0  # seconds in which a busy machine has compiled it
+
+
+@pytest.fixture
+def process():
+    """One of its own, gone afterwards."""
+    running = SearchProcess()
+    yield running
+    running.kill()
+
+
+def ask(process, seconds, seed=0):
+    loading = load_job(JOB)
+    process.ask(loading, seed, seconds, lane_genes(loading, 0, 0), "")
+    return loading
+
+
+def used(process):
+    """Seconds of CPU that it has used."""
+    times = psutil.Process(process.process.pid).cpu_times()
+    return times.user + times.system
+
+
+def test_it_answers_each_search_and_waits_for_the_next(process):
+    for seed in range(2):
+        loading = ask(process, seconds=ANSWER, seed=seed)
+        found = process.next(ANSWER)
+        assert found.packings >= 8
+        assert (found.bin >= 0).all()
+        assert len(found.bin) == len(loading.items) == len(found.genes.order)
+        process.end()
+        assert process.alive
+    before = used(process)
+    time.sleep(1)
+    assert used(process) - before < 0.1
+
+
+@pytest.mark.parametrize("after", [0.0, 1.0, 4.0])
+def test_left_in_the_middle_of_anything_it_uses_no_time_and_goes_on_later(process, after):
+    ask(process, seconds=ANSWER)
+    time.sleep(after)
+    begun = time.perf_counter()
+    process.end()
+    assert time.perf_counter() - begun < 1
+    before = used(process)
+    time.sleep(1)
+    assert used(process) - before < 0.1
+    ask(process, seconds=ANSWER, seed=7)
+    assert process.next(ANSWER) is not None
+
+
+def test_it_finishes_and_ends_when_it_is_let_go(process):
+    ask(process, seconds=ANSWER)
+    time.sleep(1)
+    process.end()
+    process.let_go()
+    assert process.process.wait(ANSWER) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
+def test_a_search_goes_on_without_it(number, monkeypatch):
+    taken = []
+
+    def borrowed():
+        taken.append(SearchProcess())
+        return taken[-1]
+
+    monkeypatch.setattr(solver, "borrow", borrowed)
+    plans = improve(JOB, SolveOptions(4.0))
+    next(plans)
+    first = next(plans, None)
+    taken[0].process.send_signal(number)
+    *_, last = [first, *plans]
+    assert last.end in (End.UNREADY, End.BOUND)
+    assert last.packings > 1
+    check_plan(JOB, last.plan)
+    assert taken[0].process.wait(10) == -number
+
+
+def test_searches_side_by_side_have_a_process_each():
+    one, other = borrow(), borrow()
+    assert one is not other
+    give_back(one)
+    assert borrow() is one
+    one.kill()
+    other.kill()
+    give_back(one)
+    third = borrow()
+    assert third not in (one, other)
+    give_back(third)
+    assert third in background._waiting
+
+
+def test_the_end_of_time_is_the_end_of_work():
+    begun = time.perf_counter()
+    found = solve_job(JOB, SolveOptions(2.0))
+    assert time.perf_counter() - begun < 3
+    assert found.end in (End.TIME, End.UNREADY)
+    me = psutil.Process()
+    everyone = [me, *me.children(recursive=True)]
+    before = sum(sum(one.cpu_times()[:2]) for one in everyone)
+    time.sleep(1)
+    assert sum(sum(one.cpu_times()[:2]) for one in everyone) - before < 0.2
+
+
+SCRIPT = """
+import jaxpack
+from jaxpack.loading import background
+items = {"X": [4], "Y": [4], "Z": [4], "COPIES": [70]}
+jaxpack.solve(items, {"X": [10], "Y": [10], "Z": [10]}, time_limit=1)
+print(background._waiting[0].process.pid, flush=True)
+"""
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_nobody_waits_for_it_and_it_does_not_stay(killed, tmp_path):
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
+    script = SCRIPT + "import time; time.sleep(1000)" * killed
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", script], env=environment, **pipes) as running:
+        pid = int(running.stdout.readline())
+        begun = time.perf_counter()
+        if killed:
+            running.kill()
+        _, errors = running.communicate(timeout=100)
+        assert time.perf_counter() - begun < 2
+        assert killed or not errors
+    left = psutil.Process(pid) if psutil.pid_exists(pid) else None
+    if left:
+        psutil.wait_procs([left], timeout=ANSWER)
+    assert not psutil.pid_exists(pid) or left.status() == psutil.STATUS_ZOMBIE
+    if not killed:
+        assert any(tmp_path.iterdir()), "what it was compiling is there for the next one"
