@@ -25,7 +25,7 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     printed = io.StringIO()
     try:
         with contextlib.redirect_stderr(printed):
-            return tyro.cli(options, prog=f"python -m jaxpack.{door}", args=list(argv))
+            return tyro.cli(options, prog=called(door), args=list(argv))
     except SystemExit as stop:
         if not stop.code:
             raise
@@ -37,11 +37,25 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     end = rules[0] if rules else len(lines)
     sentence = " ".join(line for line in lines[1:end] if line.strip("-"))
     sentence = sentence.split(" Got errors:")[0].rstrip(".")
-    raise UserError(f"{sentence}; see python -m jaxpack.{door} --help")
+    raise UserError(f"{sentence}; see {called(door)} --help")
 
 
-def run_door(door: Callable[[Sequence[str]], None]) -> None:
-    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130."""
+def called(door: str) -> str:
+    """How a door is called, as this process was: `jaxpack solve` or `python -m jaxpack.solve`."""
+    script = Path(sys.argv[0])
+    if script.stem == "jaxpack":
+        return f"jaxpack {door}"
+    whole = script.parts[-2:] == ("jaxpack", "__main__.py")
+    return f"python -m jaxpack {door}" if whole else f"python -m jaxpack.{door}"
+
+
+def run_door(door: Callable[[Sequence[str]], None], argv: Sequence[str] | None = None) -> None:
+    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130.
+
+    Args:
+        door: parses its options and does the work.
+        argv: the options; those of the process if not given.
+    """
     code = 0
     # What orbax logs on a damaged checkpoint or a full disk: the one line below says it.
     for name in ("absl", "asyncio"):
@@ -50,7 +64,7 @@ def run_door(door: Callable[[Sequence[str]], None]) -> None:
     gc.freeze()
     try:
         prepare_jax()
-        door(sys.argv[1:])
+        door(sys.argv[1:] if argv is None else argv)
     except UserError as error:
         line = " ".join(str(error).split())
         print(f"error: {line}", file=sys.stderr)
