@@ -2,7 +2,7 @@
 
 python benchmarks/first_plan.py     (3 minutes)
 
-The 60 cartons of experiments/data on their pallet, and 1,000 items of 200 random types, turned
+The 60 cartons of examples/order.csv on their pallet, and 1,000 items of 200 random types, turned
 upright, on the same pallet: until the first line that names a plan in an empty cache folder, then
 a whole job, which fills it, then once more until the first plan. Memory is the most that any of
 the processes so far held.
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-DATA = Path(__file__).parent.parent / "experiments" / "data"
+EXAMPLES = Path(__file__).parent.parent / "examples"
 LIMIT = 40  # seconds that a job may take
 
 
@@ -34,7 +34,7 @@ def write_thousand(path: Path, seed: int = 1) -> None:
 
 def plans(items: Path, cache: Path, whole: bool) -> tuple[float, str]:
     """(seconds until the first plan is there, or all is done; what the door says of the plan)."""
-    command = [sys.executable, "-m", "jaxpack.solve", str(items), str(DATA / "pallet.csv")]
+    command = [sys.executable, "-m", "jaxpack.solve", str(items), str(EXAMPLES / "pallet.csv")]
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(cache)}
     start, last = time.perf_counter(), ""
     with subprocess.Popen(
@@ -58,7 +58,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         thousand = Path(folder) / "thousand.csv"
         write_thousand(thousand)
-        for items in (DATA / "cartons.csv", thousand):
+        for items in (EXAMPLES / "order.csv", thousand):
             cache = Path(folder) / f"cache-{items.stem}"
             for name, whole in (("first, cold", False), ("whole", True), ("first, warm", False)):
                 seconds, line = plans(items, cache, whole)

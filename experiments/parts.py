@@ -1,6 +1,6 @@
 """What the parts of the search for a plan are worth, each with equally many packings.
 
-python experiments/parts.py     (8 minutes on one core)
+python experiments/parts.py [--data FOLDER]     (8 minutes on one core)
 
 2D: of Berkey and Wang's and Martello and Vigo's classes the first instances of 60 items. 3D: every
 fourth one of Ivancic's. Seed 0, support 0.5. Writes results/parts.csv and prints a table:
@@ -8,11 +8,20 @@ the bins in all, and the cost, in which a packing counts by how near it is to a 
 policy's 64 orders come on top.
 """
 
+import argparse
 from collections.abc import Iterator
+from pathlib import Path
 
 import jax
 import numpy as np
-from public_instances import read_2bp, read_ivancic
+from public_instances import (
+    BERKEY_WANG,
+    IVANCIC,
+    add_data_option,
+    data_file,
+    read_2bp,
+    read_ivancic,
+)
 from rows import RESULTS, write_rows
 
 from jaxpack.cli import prepare_jax
@@ -32,7 +41,6 @@ from jaxpack.loading.stock import first_genes, load_job
 from jaxpack.loading.units import units_of
 from jaxpack.solution import drawing_policy
 
-DATA = "experiments/data"
 DISPATCHES = {2: 40, 3: 12}  # of LANES * ROUNDS packings
 PARTS = {
     "annealing": ((ANNEAL,), False, False),
@@ -44,11 +52,11 @@ PARTS = {
 """Who searches; whether they exchange their best; whether the policy's orders are there."""
 
 
-def instances() -> Iterator[Job]:
-    for job, known in read_2bp(f"{DATA}/2bp_berkey_wang_martello_vigo.json"):
+def instances(data: Path) -> Iterator[Job]:
+    for job, known in read_2bp(data_file(data, BERKEY_WANG)):
         if (known["n"], known["id"]) == (60, 1):
             yield job
-    yield from read_ivancic(f"{DATA}/3bp_ivancic_thpack9.json")[::4]
+    yield from read_ivancic(data_file(data, IVANCIC))[::4]
 
 
 def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool) -> Lanes:
@@ -73,9 +81,12 @@ def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool)
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    add_data_option(parser)
+    options = parser.parse_args()
     prepare_jax()
     rows = []
-    for job in instances():
+    for job in instances(options.data):
         for name, (how, sharing, drawing) in PARTS.items():
             best = search(job, drawing_policy(job) if drawing else None, how, sharing).best
             bins = len(set(np.asarray(best.bin).tolist()) - {-1})

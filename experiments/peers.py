@@ -29,7 +29,15 @@ from typing import Any
 
 import jax
 import numpy as np
-from public_instances import read_2bp, read_ivancic
+from public_instances import (
+    BED_BPP,
+    BERKEY_WANG,
+    IVANCIC,
+    add_data_option,
+    data_file,
+    read_2bp,
+    read_ivancic,
+)
 from rows import RESULTS, read_rows, write_rows
 
 import jaxpack
@@ -46,7 +54,6 @@ from jaxpack.loading.units import units_of
 from jaxpack.loading.validate import plan_violations
 from jaxpack.solution import drawing_policy
 
-DATA = "experiments/data"
 PATH = RESULTS / "peers.csv"
 SETS = ("2bp", "ivancic", "bed-bpp")
 SMALL = 60  # items: the pairwise CP-SAT model has 3n(n - 1) disjunctions
@@ -101,19 +108,19 @@ def whole(lengths: Iterable[Any]) -> Whole:
 # Instances: their sides and bins in whole numbers, one type of bin.
 
 
-def instances(name: str, data: str) -> list[Job]:
+def instances(name: str, data: Path) -> list[Job]:
     if name == "2bp":
-        known = read_2bp(f"{data}/2bp_berkey_wang_martello_vigo.json")
+        known = read_2bp(data_file(data, BERKEY_WANG))
         first = {}
         for job, about in known:
             if about["n"] in (20, 60):
                 first.setdefault((about["cls"], about["n"]), job)
         return list(first.values())
     if name == "ivancic":
-        jobs = read_ivancic(f"{data}/3bp_ivancic_thpack9.json")
+        jobs = read_ivancic(data_file(data, IVANCIC))
         by_number = {int(job.name.rsplit("_", 1)[1]): job for job in jobs}
         return [replace(by_number[n], name=f"ivancic-{n}") for n in range(1, 9)]
-    orders = read_job(Path(f"{data}/bed_bpp_5_orders.json"))
+    orders = read_job(data_file(data, BED_BPP))
     return [in_whole_numbers(replace(job, name=f"bed-bpp-{job.name}")) for job in orders]
 
 
@@ -580,7 +587,7 @@ def row_of(method: Method, job: Job, seconds: float, seed: int) -> dict[str, Any
 
 
 def missing_rows(
-    methods: dict[str, Method], rows: list[dict], data: str, only: str
+    methods: dict[str, Method], rows: list[dict], data: Path, only: str
 ) -> Iterator[tuple[str, str, Job]]:
     """(set, method, instance) without a row."""
     done = {(row["instance"], row["method"]) for row in rows}
@@ -619,7 +626,7 @@ def percent(rows: list[dict], key: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", default=DATA, help="folder of the instances")
+    add_data_option(parser)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="instances whose name has this in it")

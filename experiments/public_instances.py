@@ -1,13 +1,36 @@
-"""Reads the public benchmark instances that PackingSolver's data folder holds, as JSON.
+"""Reads public benchmark instances from files of others; docs/data.md says where to get them.
 
 2D: the 500 instances of Berkey and Wang (1987) and Martello and Vigo (1998). 3D: the 47 of
-Ivancic, Mathur and Mohanty (1989).
+Ivancic, Mathur and Mohanty (1989), and five orders of BED-BPP.
 """
 
+import argparse
 import json
 from pathlib import Path
 
 from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job
+
+FOLDER = Path(__file__).parents[2] / "shared" / "data"
+"""Where the files are looked for, beside the repository, unless --data names another folder."""
+
+BERKEY_WANG = "2bp_berkey_wang_martello_vigo.json"
+IVANCIC = "3bp_ivancic_thpack9.json"
+BED_BPP = "bed_bpp_5_orders.json"
+MPV_BOUNDS = "3bp_mpv_lower_bounds.csv"
+
+
+def add_data_option(parser: argparse.ArgumentParser) -> None:
+    """Gives a script the option --data."""
+    parser.add_argument("--data", type=Path, default=FOLDER, help="folder of the instances")
+
+
+def data_file(folder: Path, name: str) -> Path:
+    """The path of a file of instances; ends the script in one line where it is not there."""
+    path = folder / name
+    if not path.is_file():
+        what = "docs/data.md says where it is published; name its folder with --data"
+        raise SystemExit(f"error: {path}: no such file; {what}")
+    return path
 
 
 def read_2bp(path: str | Path) -> list[tuple[Job, dict[str, int]]]:

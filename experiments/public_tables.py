@@ -1,14 +1,14 @@
 """What solve_public.py found, as the tables of the README.
 
-python experiments/public_tables.py
+python experiments/public_tables.py [--data FOLDER]
 """
 
+import argparse
 import csv
-from pathlib import Path
 
+from public_instances import MPV_BOUNDS, add_data_option, data_file
 from rows import RESULTS, read_rows
 
-DATA = Path(__file__).parent / "data"
 SUPPORTS = ("0.5", "0")
 Rows = list[dict[str, str]]
 
@@ -29,6 +29,9 @@ def by_class(found: Rows, columns: dict[str, tuple[Rows, str]]) -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    add_data_option(parser)
+    bounds_file = data_file(parser.parse_args().data, MPV_BOUNDS)
     flat, solid = (
         {
             support: read_rows(RESULTS / f"solve-{name}-support-{support}.csv")
@@ -42,7 +45,7 @@ def main() -> None:
         "best known, free": (half, "best_known"),
         "lower bound": (half, "lower_bound"),
     })  # fmt: skip
-    known = csv.DictReader((DATA / "3bp_mpv_lower_bounds.csv").read_text().splitlines())
+    known = csv.DictReader(bounds_file.read_text().splitlines())
     bounds = [row | {"cls": row["class"]} for row in known]
     by_class(solid["0.5"], {
         **{f"bins, support {support}": (rows, "bins") for support, rows in solid.items()},

@@ -1,6 +1,7 @@
 """Public instances through the solver, each with so many seconds.
 
 python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--seconds 10] [--only TEXT]
+    [--data FOLDER]
 
 Adds a row per instance to results/solve-SET-support-S.csv; instances that have one are left out,
 so that it goes on where it was stopped. Every plan has passed the check.
@@ -8,8 +9,16 @@ so that it goes on where it was stopped. Every plan has passed the check.
 
 import argparse
 import time
+from pathlib import Path
 
-from public_instances import read_2bp, read_ivancic
+from public_instances import (
+    BERKEY_WANG,
+    IVANCIC,
+    add_data_option,
+    data_file,
+    read_2bp,
+    read_ivancic,
+)
 from rows import RESULTS, read_rows, write_rows
 
 from jaxpack.cli import prepare_jax
@@ -18,20 +27,19 @@ from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, solve_job
 from jaxpack.solution import drawing_policy
 
-DATA = "experiments/data"
 FEWEST = 1000  # packings that a search with time to search tries
 MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
 
 
-def instances(name: str, data: str) -> list[tuple[dict, Job]]:
+def instances(name: str, data: Path) -> list[tuple[dict, Job]]:
     """What a row says of the instance, and the instance."""
     if name == "2bp":
         return [
             ({"cls": known["cls"], "n": known["n"], "best_known": known["bks"]}, job)
-            for job, known in read_2bp(f"{data}/2bp_berkey_wang_martello_vigo.json")
+            for job, known in read_2bp(data_file(data, BERKEY_WANG))
         ]
     if name == "ivancic":
-        return [({}, job) for job in read_ivancic(f"{data}/3bp_ivancic_thpack9.json")]
+        return [({}, job) for job in read_ivancic(data_file(data, IVANCIC))]
     return [
         ({"cls": cls, "n": n}, mpv(cls, n, number))
         for cls in MPV_CLASSES
@@ -48,7 +56,7 @@ def compiled(row: dict) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("set", choices=("2bp", "mpv", "ivancic"))
-    parser.add_argument("--data", default=DATA, help="folder of the instances")
+    add_data_option(parser)
     parser.add_argument("--support", type=float, default=0.5)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)

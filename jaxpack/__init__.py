@@ -1,155 +1,173 @@
 """Bin packing learned and solved end to end in JAX.
 
 Everything is an order, one judge turns orders into packings: `pack(problem, instance, order)`.
+
+Every name below is imported when it is first used, with what it needs: `import jaxpack` alone
+takes no time and imports neither JAX nor anything that draws, trains or prints.
 """
 
-from jaxpack.comparison import Comparison, Row, compare
-from jaxpack.devices import use_all_cores
-from jaxpack.errors import UserError
-from jaxpack.files.jobs import read_job
-from jaxpack.files.weights import load_policy, save_policy
-from jaxpack.learning.beam import beam_orders
-from jaxpack.learning.bin_aware import (
-    BinState,
-    Candidates,
-    Kinds,
-    candidates,
-    order_of,
-    orientations_of,
-    reset,
-    step,
-)
-from jaxpack.learning.bin_network import BinAwareConfig
-from jaxpack.learning.pointer import (
-    PointerConfig,
-    Rollout,
-    apply_value,
-    greedy_order,
-    init_pointer,
-    sample_order,
-    score_order,
-)
-from jaxpack.learning.policies import greedy_orders, init_policy, sample_orders
-from jaxpack.learning.presets import PRESETS, preset
-from jaxpack.learning.recipe import Policy, TrainConfig
-from jaxpack.learning.rollout import choose_orders
-from jaxpack.learning.trainer import (
-    TrainState,
-    init_state,
-    make_train,
-    train_step,
-)
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
-from jaxpack.loading.validate import InvalidPlanError, check_plan
-from jaxpack.methods import Method, MethodOptions, make_method
-from jaxpack.packing.first_fit import pack
-from jaxpack.packing.instances import Cell, Distribution, sample, uniform_instance
-from jaxpack.packing.metrics import (
-    bins_first_cost,
-    bins_used,
-    compactness,
-    lower_bound,
-    paper_cost,
-    pyramid,
-    utilisation,
-)
-from jaxpack.packing.problem import Instance, Packing, Problem, in_orientation, make_instance
-from jaxpack.packing.programs import tune_for_cpu
-from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
-from jaxpack.solution import Solution, solve
-from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.solvers.brkga import BrkgaConfig, brkga, genetic
-from jaxpack.solvers.evolved import evolved
-from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
-from jaxpack.solvers.sampling import best_of, sampling
-from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "PRESETS",
-    "BinAwareConfig",
-    "BinState",
-    "BinType",
-    "BrkgaConfig",
-    "Candidates",
-    "Cell",
-    "Comparison",
-    "Distribution",
-    "Instance",
-    "InvalidPackingError",
-    "InvalidPlanError",
-    "ItemType",
-    "Job",
-    "Kinds",
-    "Method",
-    "MethodOptions",
-    "PackedBin",
-    "Packing",
-    "Placement",
-    "Plan",
-    "PointerConfig",
-    "Policy",
-    "Problem",
-    "Rollout",
-    "Row",
-    "Search",
-    "Solution",
-    "TrainConfig",
-    "TrainState",
-    "UserError",
-    "apply_value",
-    "beam_orders",
-    "best_of",
-    "bin_by_bin",
-    "bins_first_cost",
-    "bins_used",
-    "brkga",
-    "candidates",
-    "check_packings",
-    "check_plan",
-    "choose_orders",
-    "compactness",
-    "compare",
-    "compile_search",
-    "evolved",
-    "footprint_order",
-    "genetic",
-    "greedy_order",
-    "greedy_orders",
-    "height_order",
-    "in_orientation",
-    "init_pointer",
-    "init_policy",
-    "init_state",
-    "load_policy",
-    "lower_bound",
-    "make_instance",
-    "make_method",
-    "make_train",
-    "order_of",
-    "orders_found",
-    "orientations_of",
-    "pack",
-    "paper_cost",
-    "preset",
-    "pyramid",
-    "random_order",
-    "read_job",
-    "reset",
-    "run_for",
-    "run_rounds",
-    "sample",
-    "sample_order",
-    "sample_orders",
-    "sampling",
-    "save_policy",
-    "score_order",
-    "solve",
-    "step",
-    "train_step",
-    "tune_for_cpu",
-    "uniform_instance",
-    "use_all_cores",
-    "utilisation",
-    "violations",
-    "volume_order",
-]
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from jaxpack.comparison import (  # noqa: I001
+        Comparison as Comparison,
+        Row as Row,
+        compare as compare,
+    )
+    from jaxpack.devices import use_all_cores as use_all_cores
+    from jaxpack.errors import UserError as UserError
+    from jaxpack.files.jobs import read_job as read_job
+    from jaxpack.files.weights import load_policy as load_policy, save_policy as save_policy
+    from jaxpack.learning.beam import beam_orders as beam_orders
+    from jaxpack.learning.bin_aware import (
+        BinState as BinState,
+        Candidates as Candidates,
+        Kinds as Kinds,
+        candidates as candidates,
+        order_of as order_of,
+        orientations_of as orientations_of,
+        reset as reset,
+        step as step,
+    )
+    from jaxpack.learning.bin_network import BinAwareConfig as BinAwareConfig
+    from jaxpack.learning.parameters import PointerConfig as PointerConfig
+    from jaxpack.learning.pointer import (
+        Rollout as Rollout,
+        apply_value as apply_value,
+        greedy_order as greedy_order,
+        init_pointer as init_pointer,
+        sample_order as sample_order,
+        score_order as score_order,
+    )
+    from jaxpack.learning.policies import (
+        greedy_orders as greedy_orders,
+        init_policy as init_policy,
+        sample_orders as sample_orders,
+    )
+    from jaxpack.learning.presets import PRESETS as PRESETS, preset as preset
+    from jaxpack.learning.recipe import Policy as Policy, TrainConfig as TrainConfig
+    from jaxpack.learning.rollout import choose_orders as choose_orders
+    from jaxpack.learning.trainer import (
+        TrainState as TrainState,
+        init_state as init_state,
+        make_train as make_train,
+        train_step as train_step,
+    )
+    from jaxpack.loading.job import (
+        BinType as BinType,
+        ItemType as ItemType,
+        Job as Job,
+        PackedBin as PackedBin,
+        Placement as Placement,
+        Plan as Plan,
+    )
+    from jaxpack.loading.validate import (
+        InvalidPlanError as InvalidPlanError,
+        check_plan as check_plan,
+    )
+    from jaxpack.methods import (
+        Method as Method,
+        MethodOptions as MethodOptions,
+        make_method as make_method,
+    )
+    from jaxpack.packing.first_fit import pack as pack
+    from jaxpack.packing.instances import (
+        Cell as Cell,
+        Distribution as Distribution,
+        sample as sample,
+        uniform_instance as uniform_instance,
+    )
+    from jaxpack.packing.metrics import (
+        bins_first_cost as bins_first_cost,
+        bins_used as bins_used,
+        compactness as compactness,
+        lower_bound as lower_bound,
+        paper_cost as paper_cost,
+        pyramid as pyramid,
+        utilisation as utilisation,
+    )
+    from jaxpack.packing.problem import (
+        Instance as Instance,
+        Packing as Packing,
+        Problem as Problem,
+        in_orientation as in_orientation,
+        make_instance as make_instance,
+    )
+    from jaxpack.packing.programs import tune_for_cpu as tune_for_cpu
+    from jaxpack.packing.validate import (
+        InvalidPackingError as InvalidPackingError,
+        check_packings as check_packings,
+        violations as violations,
+    )
+    from jaxpack.solution import Solution as Solution, solve as solve
+    from jaxpack.solvers.bin_by_bin import bin_by_bin as bin_by_bin, orders_found as orders_found
+    from jaxpack.solvers.brkga import BrkgaConfig as BrkgaConfig, brkga as brkga, genetic as genetic
+    from jaxpack.solvers.evolved import evolved as evolved
+    from jaxpack.solvers.heuristics import (
+        footprint_order as footprint_order,
+        height_order as height_order,
+        random_order as random_order,
+        volume_order as volume_order,
+    )
+    from jaxpack.solvers.sampling import best_of as best_of, sampling as sampling
+    from jaxpack.solvers.search import (
+        Search as Search,
+        compile_search as compile_search,
+        run_for as run_for,
+        run_rounds as run_rounds,
+    )
+else:  # the same names once more: a type checker reads neither this nor what it does
+    from importlib import import_module
+
+    _NAMES = {
+        "comparison": "Comparison Row compare",
+        "devices": "use_all_cores",
+        "errors": "UserError",
+        "files.jobs": "read_job",
+        "files.weights": "load_policy save_policy",
+        "learning.beam": "beam_orders",
+        "learning.bin_aware": (
+            "BinState Candidates Kinds candidates order_of orientations_of reset step"
+        ),
+        "learning.bin_network": "BinAwareConfig",
+        "learning.parameters": "PointerConfig",
+        "learning.pointer": (
+            "Rollout apply_value greedy_order init_pointer sample_order score_order"
+        ),
+        "learning.policies": "greedy_orders init_policy sample_orders",
+        "learning.presets": "PRESETS preset",
+        "learning.recipe": "Policy TrainConfig",
+        "learning.rollout": "choose_orders",
+        "learning.trainer": "TrainState init_state make_train train_step",
+        "loading.job": "BinType ItemType Job PackedBin Placement Plan",
+        "loading.validate": "InvalidPlanError check_plan",
+        "methods": "Method MethodOptions make_method",
+        "packing.first_fit": "pack",
+        "packing.instances": "Cell Distribution sample uniform_instance",
+        "packing.metrics": (
+            "bins_first_cost bins_used compactness lower_bound paper_cost pyramid utilisation"
+        ),
+        "packing.problem": "Instance Packing Problem in_orientation make_instance",
+        "packing.programs": "tune_for_cpu",
+        "packing.validate": "InvalidPackingError check_packings violations",
+        "solution": "Solution solve",
+        "solvers.bin_by_bin": "bin_by_bin orders_found",
+        "solvers.brkga": "BrkgaConfig brkga genetic",
+        "solvers.evolved": "evolved",
+        "solvers.heuristics": "footprint_order height_order random_order volume_order",
+        "solvers.sampling": "best_of sampling",
+        "solvers.search": "Search compile_search run_for run_rounds",
+    }
+    _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
+    __all__ = sorted(_HOMES)
+
+    def __getattr__(name):
+        if name not in _HOMES:
+            raise AttributeError(f"module 'jaxpack' has no attribute '{name}'")
+        globals()[name] = value = getattr(import_module(f"jaxpack.{_HOMES[name]}"), name)
+        return value
+
+    def __dir__():
+        return sorted({*globals(), *__all__})

@@ -23,7 +23,7 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     printed = io.StringIO()
     try:
         with contextlib.redirect_stderr(printed):
-            return tyro.cli(options, prog=f"python -m jaxpack.{door}", args=list(argv))
+            return tyro.cli(options, prog=called(door), args=list(argv))
     except SystemExit as stop:
         if not stop.code:
             raise
@@ -35,14 +35,28 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     end = rules[0] if rules else len(lines)
     sentence = " ".join(line for line in lines[1:end] if line.strip("-"))
     sentence = sentence.split(" Got errors:")[0].rstrip(".")
-    raise UserError(f"{sentence}; see python -m jaxpack.{door} --help")
+    raise UserError(f"{sentence}; see {called(door)} --help")
 
 
-def run_door(door: Callable[[Sequence[str]], None], computes: bool = True) -> None:
+def called(door: str) -> str:
+    """How a door is called, as this process was: `jaxpack solve` or `python -m jaxpack.solve`."""
+    script = Path(sys.argv[0])
+    if script.stem == "jaxpack":
+        return f"jaxpack {door}"
+    whole = script.parts[-2:] == ("jaxpack", "__main__.py")
+    return f"python -m jaxpack {door}" if whole else f"python -m jaxpack.{door}"
+
+
+def run_door(
+    door: Callable[[Sequence[str]], None],
+    argv: Sequence[str] | None = None,
+    computes: bool = True,
+) -> None:
     """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130.
 
     Args:
-        door: gets the arguments.
+        door: parses its options and does the work.
+        argv: the options; those of the process if not given.
         computes: whether it uses JAX, in this process.
     """
     code = 0
@@ -54,7 +68,7 @@ def run_door(door: Callable[[Sequence[str]], None], computes: bool = True) -> No
     try:
         if computes:
             prepare_jax()
-        door(sys.argv[1:])
+        door(sys.argv[1:] if argv is None else argv)
     except UserError as error:
         line = " ".join(str(error).split())
         print(f"error: {line}", file=sys.stderr)

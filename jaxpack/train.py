@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tyro.conf import Positional
 
-from jaxpack.cli import parse_options, parse_sides, run_door
+from jaxpack.cli import called, parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
 from jaxpack.devices import (
     anywhere,
@@ -310,7 +310,7 @@ def main(argv: Sequence[str]) -> None:
             ) from error
         jax.distributed.shutdown()  # the rest is for process 0 alone
         if policy is None:
-            again = f"python -m jaxpack.train --resume {run}"
+            again = f"{called('train')} --resume {run}"
             console.print(f"stopped and checkpointed; go on with: {again}", soft_wrap=True)
         elif is_first():
             finish(run, config, policy, console)

@@ -5,7 +5,7 @@ from functools import cache
 import jax
 import numpy as np
 
-from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.parameters import PointerConfig
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Distribution

@@ -23,6 +23,7 @@ ALLOWED = {
     **dict.fromkeys(TOP, BASE | ROOMS | TOP),
     **dict.fromkeys(DOORS, BASE | ROOMS | TOP),
     "__init__": BASE | ROOMS | TOP,
+    "__main__": {"__version__"} | TOP,
 }
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from flax import traverse_util
 
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
@@ -49,8 +48,7 @@ def load_policy(name: str) -> Policy:
 
 def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
     """Writes `path` (.npz) and, beside it, the recipe and provenance as .json."""
-    flat = traverse_util.flatten_dict(policy.params, sep="/")
-    arrays = {name: np.asarray(value) for name, value in flat.items()}
+    arrays = {name: np.asarray(value) for name, value in _by_name(policy.params).items()}
     record = provenance | {"config": config_to_dict(policy.config)}
     with replace_file(path, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -60,21 +58,25 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
 
 def fits_recipe(config: TrainConfig, params: Params) -> bool:
     """Whether `params` have the names and shapes that `config` gives."""
-    return not _differing(config, params)
+    return not _differing(_expected(config), _by_name(params))
 
 
-def check_params(config: TrainConfig, params: Params, where: str) -> Params:
-    """`params` if they have the shapes that `config` gives; UserError naming `where` if not."""
-    if names := _differing(config, params):
-        raise UserError(f"{where}: its weights do not match its config ({names[0]}); retrain it")
-    return params
+def _expected(config: TrainConfig) -> Params:
+    """The parameters that the config's network has, their shapes for arrays."""
+    return jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
 
 
-def _differing(config: TrainConfig, params: Params) -> list[str]:
-    expected = jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
-    wanted = {k: v.shape for k, v in traverse_util.flatten_dict(expected, sep="/").items()}
-    found = {k: np.shape(v) for k, v in traverse_util.flatten_dict(params, sep="/").items()}
-    return sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
+def _by_name(params: Params) -> dict[str, Any]:
+    """Every array by the keys that lead to it, joined: "encoder/kernel"."""
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    return {jax.tree_util.keystr(path, simple=True, separator="/"): leaf for path, leaf in leaves}
+
+
+def _differing(expected: Params, found: dict[str, Any]) -> list[str]:
+    """Names whose arrays are missing, too many or of another shape."""
+    wanted = {name: leaf.shape for name, leaf in _by_name(expected).items()}
+    shapes = {name: np.shape(value) for name, value in found.items()}
+    return sorted(k for k in wanted.keys() | shapes.keys() if wanted.get(k) != shapes.get(k))
 
 
 def _read(path: Path) -> Policy:
@@ -87,6 +89,8 @@ def _read(path: Path) -> Policy:
         if isinstance(error, UserError):
             raise
         raise UserError(f"{path}: not a policy, or damaged ({error}); fetch it again") from error
-    return Policy(
-        config, check_params(config, traverse_util.unflatten_dict(flat, sep="/"), str(path))
-    )
+    expected = _expected(config)
+    if names := _differing(expected, flat):
+        raise UserError(f"{path}: its weights do not match its config ({names[0]}); retrain it")
+    leaves = [flat[name] for name in _by_name(expected)]
+    return Policy(config, jax.tree.unflatten(jax.tree.structure(expected), leaves))

@@ -12,8 +12,8 @@ from jax.sharding import Mesh
 from jaxpack.devices import PART, WHOLE, mean_over_batch
 from jaxpack.learning.bin_network import BinAwareConfig, Sight, scores
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
-from jaxpack.learning.parameters import Params
-from jaxpack.learning.pointer import PointerConfig, apply_value, sample_order
+from jaxpack.learning.parameters import Params, PointerConfig
+from jaxpack.learning.pointer import apply_value, sample_order
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.packing.first_fit import pack

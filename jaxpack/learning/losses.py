@@ -21,9 +21,10 @@ def actor_critic_losses(log_prob: Array, cost: Array, value: Array) -> Losses:
     critic: mean of (R - V)^2, in which R is a constant.
 
     Args:
-        log_prob: float32 [B], log-probability of each sampled order.
-        cost: float32 [B], R of Eq. (9).
-        value: float32 [B], the critic's V.
+        log_prob: float32 [B, S], log-probability of each sampled order; or any other shape.
+        cost: float32 of the same shape, R of Eq. (9).
+        value: float32, the baseline V: the critic's [B, 1], or one for every order. It has to
+            broadcast to that shape.
     """
     cost = jax.lax.stop_gradient(cost)
     advantage = jax.lax.stop_gradient(cost - value)
@@ -31,10 +32,16 @@ def actor_critic_losses(log_prob: Array, cost: Array, value: Array) -> Losses:
 
 
 def leave_one_out(cost: Array) -> Array:
-    """Advantage of each sample over the others of its instance (Kool et al. 2019): [..., S].
+    """Advantage of each sample over the others of its instance (Kool et al. 2019).
 
     cost_s - mean of the other samples' costs: unbiased, since the baseline does not depend on
-    sample s. S is at least 2.
+    sample s.
+
+    Args:
+        cost: float32 [..., S], S at least 2.
+
+    Returns:
+        float32 [..., S].
     """
     samples = cost.shape[-1]
     return (cost - cost.mean(-1, keepdims=True)) * (samples / (samples - 1))

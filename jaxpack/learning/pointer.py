@@ -7,7 +7,6 @@ The critic has four Conv1d layers, the first shared with the encoder.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -16,17 +15,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.parameters import MASKED, Params
+from jaxpack.learning.parameters import MASKED, Params, PointerConfig
 from jaxpack.packing.problem import Instance, Problem
-
-
-@dataclass(frozen=True)
-class PointerConfig:
-    """Widths of the networks. The paper gives none; these are common for pointer networks."""
-
-    hidden: int = 64  # D: encoder channels, GRU state, attention
-    critic: int = 20  # channels of the critic's own layers
-    input_scale: float = 4.0  # what a side as long as the bin's is to the network
 
 
 class PointerNetwork(nn.Module):

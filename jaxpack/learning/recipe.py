@@ -6,8 +6,7 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import BinAwareConfig
-from jaxpack.learning.parameters import Params
-from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.policies import Network
 from jaxpack.packing.instances import Cell, Distribution
 from jaxpack.packing.metrics import bins_first_cost, paper_cost

@@ -1,0 +1,170 @@
+"""The package from outside: what an import costs, the names it has, the commands it installs."""
+
+import ast
+import importlib
+import itertools
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import jaxpack
+from jaxpack.__main__ import COMMANDS
+
+ROOT = Path(__file__).parent.parent
+HEAVY = {"numpy", "jax", "flax", "optax", "orbax", "matplotlib", "plotly", "tyro", "rich"}
+TINY = '{"X": [1], "Y": [1], "Z": [1]}'
+SOLVE = f"jaxpack.solve({TINY}, {TINY})"
+
+
+def run(*arguments):
+    """A fresh interpreter's (exit code, output, errors)."""
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("lines", "allowed"),
+    [
+        ("import jaxpack; jaxpack.__version__; dir(jaxpack)", set()),
+        ("import jaxpack; jaxpack.Job, jaxpack.UserError", set()),
+        ("import jaxpack; jaxpack.pack", {"numpy", "jax"}),
+        (f"import jaxpack; assert {SOLVE}.figures.bins == 1", {"numpy", "jax"}),
+    ],
+)
+def test_nothing_is_imported_before_it_is_needed(lines, allowed):
+    show = "import sys; print(*{name.split('.')[0] for name in sys.modules})"
+    code, output, errors = run("-c", f"{lines}\n{show}")
+    assert code == 0, errors
+    assert set(output.split()) & HEAVY <= allowed
+
+
+def names_for_type_checkers():
+    """Name -> module of what `jaxpack/__init__.py` imports for type checkers alone."""
+    tree = ast.parse(Path(jaxpack.__file__).read_text())
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    return {
+        alias.asname: importlib.import_module(line.module)
+        for line in block.body
+        for alias in line.names
+        if alias.name == alias.asname  # what makes it public for them
+    }
+
+
+def test_every_name_is_there_for_a_program_and_for_a_type_checker():
+    promised = names_for_type_checkers()
+    assert sorted(promised) == jaxpack.__all__
+    for name, home in promised.items():
+        if name != "solve":  # shares its name with a module, below
+            assert getattr(jaxpack, name) is getattr(home, name)
+    assert set(jaxpack.__all__) <= set(dir(jaxpack))
+    with pytest.raises(AttributeError, match="'choose_turned'"):
+        jaxpack.choose_turned  # noqa: B018
+
+
+STATEMENTS = (
+    "import jaxpack.solve",
+    "from jaxpack import solve",
+    "from jaxpack import *",
+    "from jaxpack.solve import main",
+    "jaxpack.solve",
+)
+
+
+def test_solve_can_be_called_whatever_was_imported_first(tmp_path):
+    script = tmp_path / "orders.py"
+    orders = ["\n".join(("import jaxpack", *some)) for some in itertools.permutations(STATEMENTS)]
+    script.write_text(
+        f"import sys\nfor lines in {orders!r}:\n"
+        "    for name in [name for name in sys.modules if name.startswith('jaxpack')]:\n"
+        "        if name in ('jaxpack', 'jaxpack.solve', 'jaxpack.solution'):\n"
+        "            del sys.modules[name]\n"
+        "    names = {}\n"
+        "    exec(lines, names)\n"
+        "    for solve in (names['solve'], names['jaxpack'].solve):\n"
+        "        try:\n"
+        f"            solve({TINY}, {TINY}, seed=-1)\n"
+        "        except names['jaxpack'].UserError as error:\n"
+        "            assert str(error).startswith('seed -1'), error\n"
+        "    assert callable(names['main']), lines\n"
+        "print('done')\n"
+    )
+    code, output, errors = run(str(script))
+    assert (code, output) == (0, "done\n"), errors
+
+
+def project():
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_the_installed_command_is_the_one_of_the_module():
+    module, function = project()["scripts"]["jaxpack"].split(":")
+    assert (
+        getattr(importlib.import_module(module), function)
+        is importlib.import_module("jaxpack.__main__").main
+    )
+
+
+START = "import sys; sys.argv[0] = '/bin/jaxpack'; from jaxpack.__main__ import main; main()"
+
+
+@pytest.mark.parametrize("how", [("-m", "jaxpack"), ("-c", START)])
+def test_the_command_says_what_there_is(how):
+    code, output, errors = run(*how, "--help")
+    assert (code, errors) == (0, "")
+    for command in COMMANDS:
+        assert re.search(rf"^  {command} +[a-z].*[a-z]$", output, re.MULTILINE)
+    assert run(*how, "--version") == (0, f"jaxpack {jaxpack.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "start"),
+    [
+        ((), "no command"),
+        (("sovle",), "no command 'sovle'"),
+        (("--out", "p"), "no command '--out'"),
+    ],
+)
+def test_an_unknown_command_is_one_line(arguments, start):
+    code, output, errors = run("-m", "jaxpack", *arguments)
+    assert (code, output) == (2, "")
+    assert errors == f"error: {start}: give solve, train, evaluate, check or --help\n"
+
+
+@pytest.mark.parametrize(
+    ("how", "called"),
+    [
+        (("-m", "jaxpack", "solve"), "python -m jaxpack solve"),
+        (("-m", "jaxpack.solve"), "python -m jaxpack.solve"),
+        (("-c", START, "solve"), "jaxpack solve"),
+    ],
+)
+def test_a_command_is_called_what_it_was_called_by(tmp_path, how, called):
+    (tmp_path / "items.csv").write_text("X,Y,Z,COPIES\n1,1,1,8\n")
+    (tmp_path / "bins.csv").write_text("X,Y,Z\n2,2,2\n")
+    code, output, errors = run(*how, str(tmp_path / "items.csv"), str(tmp_path / "bins.csv"))
+    assert code == 0, errors
+    assert re.search(r"^bins +1$", output, re.MULTILINE), output
+    code, output, errors = run(*how, "--time-limit", "soon")
+    assert (code, output) == (2, "")
+    assert errors.startswith("error: ")
+    assert errors.endswith(f"; see {called} --help\n")
+    assert errors.count("\n") == 1
+
+
+def test_the_release_is_in_the_list_of_changes():
+    headings = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert headings[0] == "Unreleased"
+    assert jaxpack.__version__ in headings
+
+
+def test_the_licence_is_the_one_declared():
+    assert project()["license"] == "Apache-2.0"
+    (name,) = project()["license-files"]
+    text = (ROOT / name).read_text()
+    assert "Apache License\n                           Version 2.0" in text
+    assert "END OF TERMS AND CONDITIONS" in text
