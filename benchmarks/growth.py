@@ -39,13 +39,12 @@ def packed_exactly(problem: Problem) -> Callable:
     def run(instances: Instance) -> tuple[Array, Array]:
         size = jnp.moveaxis(instances.size, 0, -1)
         N, _, B = size.shape
-        rules = ExactRules(
-            most=min(N, 128), flat=problem.bin[1] == 1,
-            support=problem.support, inclusive=problem.inclusive,
-        )  # fmt: skip
-        items = Items(size, jnp.zeros((N, B), jnp.int32), jnp.ones((N, B), bool))
+        rules = ExactRules(most=min(N, 128), flat=problem.bin[1] == 1)
+        still, all_of_them = jnp.zeros((N, B), jnp.int32), jnp.ones((N, B), bool)
+        items = Items(size, problem.cells_needed(size[:, 0] * size[:, 1]), still, all_of_them)
         room = jnp.broadcast_to(jnp.asarray(problem.bin)[:, None], (N, 3, B))
-        layout = pack_exact(rules, items, Bins(room, jnp.ones((N, B), jnp.int32)))
+        bins = Bins(room, jnp.ones((N, B), jnp.int32), jnp.int32(1))
+        layout = pack_exact(rules, items, bins)
         return layout.bin, layout.corner
 
     return run

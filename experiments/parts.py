@@ -3,7 +3,7 @@
 python experiments/parts.py [--data FOLDER]     (8 minutes on one core)
 
 2D: of Berkey and Wang's and Martello and Vigo's classes the first instances of 60 items. 3D: every
-fourth one of Ivancic's. Seed 0, support 0.5. Writes results/parts.csv and prints a table:
+fourth one of Ivancic's. Seed 0, more than half of a base supported. Writes results/parts.csv and prints a table:
 the bins in all, and the cost, in which a packing counts by how near it is to a bin less. The
 policy's 64 orders come on top.
 """
@@ -25,21 +25,29 @@ from public_instances import (
 from rows import RESULTS, write_rows
 
 from jaxpack.cli import prepare_jax
+from jaxpack.files.weights import load_policy
 from jaxpack.learning.recipe import Policy
+from jaxpack.learning.rollout import LANES as DRAWN
+from jaxpack.loading.compiled import (
+    EXCHANGE,
+    HEAT,
+    LANES,
+    ROUNDS,
+    dispatch,
+    encode,
+    first_genes,
+    to_device,
+)
 from jaxpack.loading.job import Job
 from jaxpack.loading.learned import policy_genes
 from jaxpack.loading.local_search import (
     ANNEAL,
-    AS_GIVEN,
     BREED,
     Lanes,
     exchange,
     fresh_lanes,
 )
-from jaxpack.loading.solver import EXCHANGE, HEAT, LANES, ROUNDS, dispatch
-from jaxpack.loading.stock import first_genes, load_job
-from jaxpack.loading.units import units_of
-from jaxpack.solution import drawing_policy
+from jaxpack.loading.stock import load_job
 
 DISPATCHES = {2: 40, 3: 12}  # of LANES * ROUNDS packings
 PARTS = {
@@ -61,20 +69,22 @@ def instances(data: Path) -> Iterator[Job]:
 
 def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool) -> Lanes:
     """The lanes at the end; their best is the best of all."""
-    loading, _ = load_job(job, units_of(job), 0.5, True, False)
-    genes = first_genes(loading, np.random.default_rng(0), LANES)
-    first = dispatch(loading, fresh_lanes(jax.random.key(0), genes), AS_GIVEN, 1, 0.0)
+    loading = load_job(job)
+    rules, stock = encode(loading)
+    sorts = to_device(first_genes(loading, stock, 0, DRAWN))
+    key = jax.random.key(0)
+    first = dispatch(rules, stock, fresh_lanes(key, jax.tree.map(lambda leaf: leaf[:LANES], sorts)))
     if policy:
-        genes = policy_genes(loading, policy, 0)
+        genes = policy_genes(loading, jax.tree.map(np.asarray, stock), sorts, policy, 0)
         for i in range(0, len(genes.order), LANES):
             some = jax.tree.map(lambda leaf: leaf[i : i + LANES], genes)  # noqa: B023
-            first = dispatch(loading, first, AS_GIVEN, 1, 0.0, some)
+            first = dispatch(rules, stock, first, guests=some)
     islands = [first._replace(key=key) for key in jax.random.split(first.key, len(how))]
     dispatches = DISPATCHES[job.dimension]
     for turn in range(dispatches):
         which = turn % len(how)
         heat = HEAT * (1 - turn / dispatches) ** 2
-        islands[which] = dispatch(loading, islands[which], how[which], ROUNDS, heat)
+        islands[which] = dispatch(rules, stock, islands[which], how[which], ROUNDS, heat)
         if sharing and (turn + 1) % EXCHANGE == 0:
             islands = list(exchange(*islands))
     return min(islands, key=lambda lanes: float(lanes.best.cost))
@@ -88,7 +98,8 @@ def main() -> None:
     rows = []
     for job in instances(options.data):
         for name, (how, sharing, drawing) in PARTS.items():
-            best = search(job, drawing_policy(job) if drawing else None, how, sharing).best
+            policy = load_policy(f"bin-aware-{job.dimension}d-turned") if drawing else None
+            best = search(job, policy, how, sharing).best
             bins = len(set(np.asarray(best.bin).tolist()) - {-1})
             rows.append(
                 {"dimension": job.dimension, "instance": job.name, "parts": name, "bins": bins}

@@ -28,7 +28,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import numpy as np
 from public_instances import (
     BED_BPP,
     BERKEY_WANG,
@@ -43,16 +42,12 @@ from rows import RESULTS, read_rows, write_rows
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
+from jaxpack.loading.compiled import encode
 from jaxpack.loading.exact import common_scale, exact
 from jaxpack.loading.figures import lower_bound
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
-from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import AS_GIVEN, exchange, fresh_lanes
-from jaxpack.loading.solver import LANES, dispatch
-from jaxpack.loading.stock import first_genes, load_job
-from jaxpack.loading.units import units_of
+from jaxpack.loading.stock import Rules, load_job
 from jaxpack.loading.validate import plan_violations
-from jaxpack.solution import drawing_policy
 
 PATH = RESULTS / "peers.csv"
 SETS = ("2bp", "ivancic", "bed-bpp")
@@ -412,14 +407,15 @@ def jaxpack_plan(job: Job, seconds: float, seed: int, support: float) -> Plan:
 
 def warm_up(job: Job, support: float, seed: int) -> None:
     """Compiles for the shape of the job, which would count as time of its first instance."""
-    loading, _ = load_job(job, units_of(job, None), support, True, False)
-    shapes = tuple(leaf.shape for leaf in jax.tree.leaves(loading.stock))
-    if (shapes, loading.rules) not in compiled():
-        compiled().add((shapes, loading.rules))
-        policy_genes(loading, drawing_policy(job), seed)
-        genes = first_genes(loading, np.random.default_rng(seed), LANES)
-        lanes = dispatch(loading, fresh_lanes(jax.random.key(seed), genes), AS_GIVEN, 1, 0.0, genes)
-        jax.block_until_ready(exchange(lanes, lanes))
+    loading = load_job(job, Rules(support))
+    rules, stock = encode(loading)
+    shape = rules, *(leaf.shape for leaf in jax.tree.leaves(stock))
+    if shape not in compiled():
+        compiled().add(shape)
+        jaxpack.solve(job, time_limit=WARMING, seed=seed, support=support)
+
+
+WARMING = 60.0  # seconds, in which a slow machine compiles
 
 
 @cache

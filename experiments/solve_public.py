@@ -21,13 +21,10 @@ from public_instances import (
 )
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack.cli import prepare_jax
 from jaxpack.loading.classes import mpv
 from jaxpack.loading.job import Job
-from jaxpack.loading.solver import SolveOptions, solve_job
-from jaxpack.solution import drawing_policy
+from jaxpack.loading.solver import End, SolveOptions, solve_job
 
-FEWEST = 1000  # packings that a search with time to search tries
 MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
 
 
@@ -50,7 +47,7 @@ def instances(name: str, data: Path) -> list[tuple[dict, Job]]:
 
 def compiled(row: dict) -> bool:
     """Whether a search had no time to search."""
-    return row["limited_by"].startswith("time") and int(row["packings"]) < FEWEST
+    return row["end"] == End.UNREADY.name
 
 
 def main() -> None:
@@ -63,7 +60,6 @@ def main() -> None:
     parser.add_argument("--no-policy", dest="policy", action="store_false")
     parser.add_argument("--only", default="", help="instances whose name has this in it")
     options = parser.parse_args()
-    prepare_jax()
     without = "" if options.policy else "-no-policy"
     path = RESULTS / f"solve-{options.set}-support-{options.support:g}{without}.csv"
     # Where the time went into compiling, the instance is done again.
@@ -72,13 +68,14 @@ def main() -> None:
     for about, job in instances(options.set, options.data):
         if job.name in done or options.only not in job.name:
             continue
-        policy = drawing_policy(job) if options.policy else None
-        settings = SolveOptions(options.seconds, options.seed, options.support)
+        settings = SolveOptions(
+            options.seconds, options.seed, options.support, policy=options.policy
+        )
         began = time.perf_counter()
-        found = solve_job(job, settings, policy)
-        row = {"instance": job.name, **about, "bins": found.bins, "lower_bound": found.bound}
+        found = solve_job(job, settings)
+        row = {"instance": job.name, **about, "bins": found.bins, "lower_bound": found.bounds.bins}
         row |= {"seconds": round(time.perf_counter() - began, 2), "packings": found.packings}
-        rows.append(row | {"limited_by": found.limited_by, "limit": options.seconds})
+        rows.append(row | {"end": found.end.name, "limit": options.seconds})
         print(rows[-1], flush=True)
         write_rows(path, rows)
 
