@@ -3,9 +3,9 @@
 python experiments/parts.py [--data FOLDER]     (8 minutes on one core)
 
 2D: of Berkey and Wang's and Martello and Vigo's classes the first instances of 60 items. 3D: every
-fourth one of Ivancic's. Seed 0, more than half of a base supported. Writes results/parts.csv and prints a table:
-the bins in all, and the cost, in which a packing counts by how near it is to a bin less. The
-policy's 64 orders come on top.
+fourth one of Ivancic's. Seed 0, more than half of a base supported. Writes results/parts.csv and
+prints a table: the bins in all, and the cost, in which a packing counts by how near it is to a bin
+less. The policy's 64 orders come on top.
 """
 
 import argparse

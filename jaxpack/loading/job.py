@@ -113,8 +113,8 @@ class Job:
         if places is None:
             return
         object.__setattr__(self, "rounded", 10.0**-places)
-        for name, entries in (("items", items), ("bins", bins)):
-            object.__setattr__(self, name, tuple(_cut_sides(e, places) for e in entries))
+        object.__setattr__(self, "items", tuple(_cut_sides(item, places) for item in items))
+        object.__setattr__(self, "bins", tuple(_cut_sides(kind, places) for kind in bins))
 
     def _places(self) -> int | None:
         """How many decimals of the lengths are kept, where not all of them can be.
@@ -137,8 +137,8 @@ class Job:
 
     def lengths(self) -> Iterator[float]:
         """The sides of all items and bins."""
-        for entry in (*self.items, *self.bins):
-            yield from (entry.size[axis] for axis in self.axes)
+        for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
+            yield from (size[axis] for axis in self.axes)
 
     @property
     def unit(self) -> Fraction:

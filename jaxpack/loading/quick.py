@@ -35,7 +35,7 @@ class Run(NamedTuple):
 
     item: int  # index in Job.items
     turn: int
-    count: int
+    copies: int
 
 
 def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Best:
@@ -96,13 +96,13 @@ def pack_quickly(
     """
     stock = loading.stock
     runs = runs_of(loading, genes, whole=blocks)
-    ends = np.cumsum([run.count for run in runs])
+    ends = np.cumsum([run.copies for run in runs])
     rows = genes.order[ends - 1]  # one of each run
     turn = [run.turn for run in runs]
     sizes = stock.sizes[rows, turn].astype(np.int64)
     filler = _Filler(
         sizes, stock.needed[rows, turn], stock.weight[rows].astype(np.int64),
-        np.asarray([run.count for run in runs]), stop,
+        np.asarray([run.copies for run in runs]), stop,
     )  # fmt: skip
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     starts, barren = ends - filler.waiting, set[int]()
@@ -191,11 +191,11 @@ def runs_of(loading: Loading, genes: Genes, whole: bool = True) -> list[Run]:
 
 def genes_of(loading: Loading, runs: list[Run], pool: np.ndarray) -> Genes:
     """The lane of some runs; copies of an item take its rows as they come."""
-    kind = np.repeat([run.item for run in runs], [run.count for run in runs])
+    kind = np.repeat([run.item for run in runs], [run.copies for run in runs])
     order = np.empty(len(kind), np.int32)
     order[np.argsort(kind, kind="stable")] = np.arange(len(kind))
     turn = np.empty(len(kind), np.int32)
-    turn[order] = np.repeat([run.turn for run in runs], [run.count for run in runs])
+    turn[order] = np.repeat([run.turn for run in runs], [run.copies for run in runs])
     return Genes(order, turn, pool)
 
 
@@ -233,16 +233,16 @@ def _changed(
         pool[[first, second]] = pool[[second, first]]
     elif ways > 1 and (choice > 0.7 or len(runs) == 1):
         turned = int((run.turn + random.integers(1, ways)) % ways)
-        part = run.count if random.random() < 0.5 else int(random.integers(1, run.count + 1))
-        runs[one : one + 1] = [Run(run.item, turned, part), run._replace(count=run.count - part)]
-        runs = [some for some in runs if some.count]
+        part = run.copies if random.random() < 0.5 else int(random.integers(1, run.copies + 1))
+        runs[one : one + 1] = [Run(run.item, turned, part), run._replace(copies=run.copies - part)]
+        runs = [some for some in runs if some.copies]
     elif choice < 0.45:
         runs[one], runs[two] = runs[two], runs[one]
     else:
-        part = run.count if random.random() < 0.5 else int(random.integers(1, run.count + 1))
-        runs[one] = run._replace(count=run.count - part)
-        runs.insert(two, run._replace(count=part))
-        runs = [some for some in runs if some.count]
+        part = run.copies if random.random() < 0.5 else int(random.integers(1, run.copies + 1))
+        runs[one] = run._replace(copies=run.copies - part)
+        runs.insert(two, run._replace(copies=part))
+        runs = [some for some in runs if some.copies]
     return genes_of(loading, runs, pool)
 
 
