@@ -231,13 +231,3 @@ def _volume(size: Sides) -> Fraction:
 def _packed_volume(job: Job, packed: PackedBin) -> Fraction:
     volumes = (_volume(job.items[put.item].size) for put in packed.placements)
     return sum(volumes, Fraction(0))
-
-
-def plan_worth(job, plan):
-    cost = total_cost(job, plan) if job.priced else 0
-    return (
-        len(plan.left_out),
-        cost,
-        len(plan.bins),
-        sum(float(_volume(job.bins[p.bin].size)) for p in plan.bins),
-    )
