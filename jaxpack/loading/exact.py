@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from decimal import ROUND_FLOOR, Decimal
 from fractions import Fraction
 
+import numpy as np
+
 DIGITS = 13  # significant ones
 
 
@@ -40,6 +42,29 @@ def cut(number: float, places: int) -> float:
 def clean(number: float) -> float:
     """The float that is nearest to its 13 digits: `exact` of it is what `str` shows of it."""
     return float(_text(number))
+
+
+def whole(numbers: np.ndarray) -> tuple[np.ndarray, int]:
+    """Clean numbers as whole ones, many at a time.
+
+    Args:
+        numbers: float [...], each of which `clean` leaves as it is.
+
+    Returns:
+        int64 [...] and how many decimals they have at most: number * 10**decimals is whole.
+    """
+    largest = np.abs(numbers).max(initial=0.0)
+    for places in range(DIGITS + 10):  # a power of ten that is exact as a float
+        if largest * 10.0**places >= 2**50:  # a product may be a whole number off
+            break
+        scaled = np.rint(numbers * 10.0**places)
+        if (scaled / 10.0**places == numbers).all():
+            return scaled.astype(np.int64), places
+    places = decimals(numbers.ravel().tolist())
+    known = {n: int(exact(n) * 10**places) for n in set(numbers.ravel().tolist())}
+    return np.array([known[n] for n in numbers.ravel().tolist()], np.int64).reshape(
+        numbers.shape
+    ), places
 
 
 def _text(number: float) -> str:
