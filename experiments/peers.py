@@ -48,23 +48,13 @@ from jaxpack.loading.figures import lower_bound
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.loading.stock import Rules, load_job
 from jaxpack.loading.validate import plan_violations
+from jaxpack.packing.check import Rule
 
 PATH = RESULTS / "peers.csv"
 SETS = ("2bp", "ivancic", "bed-bpp")
 SMALL = 60  # items: the pairwise CP-SAT model has 3n(n - 1) disjunctions
-RULES = {
-    "no such": "unreadable",
-    "to pack, but": "copies",
-    "there are only": "copies",
-    "is not allowed": "orientation",
-    "weigh": "weight",
-    "outside the bin": "outside",
-    "overlaps": "overlap",
-    "not reachable": "unreachable",
-    "floats": "floats",
-}
-"""What is in a line of the checker -> the rule that it is about."""
-GRAVITY = {"unreachable", "floats"}  # rules that peers do not claim to keep
+GRAVITY = {Rule.BLOCKED, Rule.FLOATING}  # rules that peers do not claim to keep
+NAMES = {Rule.BLOCKED: "unreachable", Rule.FLOATING: "floats"}  # in the table; others as they are
 
 Whole = tuple[int, int, int]
 
@@ -486,9 +476,7 @@ def carried(box: Box, boxes: list[Box]) -> int:
 
 def broken_rules(job: Job, plan: Plan) -> Counter[str]:
     """Rule -> how often it is broken, with no demand on support; "left out" for unpacked items."""
-    found: Counter[str] = Counter()
-    for line in plan_violations(job, plan, support=0.0):
-        found[next(rule for text, rule in RULES.items() if text in line)] += 1
+    found = Counter[str](violation.rule for violation in plan_violations(job, plan, support=0.0))
     if plan.left_out:
         found["left out"] = len(plan.left_out)
     return found
@@ -505,10 +493,12 @@ def audited(job: Job, plan: Plan) -> dict[str, Any]:
         "bins": len(plan.bins),
         "lower_bound": lower_bound(job),
         "valid": valid,
-        "floating": broken["floats"],
+        "floating": broken[Rule.FLOATING],
         "supported": round(supported_share(bins), 4),
         "settled": round(supported_share(fallen), 4) if valid else "",
-        "broken": " ".join(f"{rule}:{count}" for rule, count in sorted(broken.items())),
+        "broken": " ".join(
+            f"{NAMES.get(rule, rule)}:{count}" for rule, count in sorted(broken.items())
+        ),
     }
 
 

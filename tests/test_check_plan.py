@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxpack.errors import UserError
 from jaxpack.loading.figures import PlanFigures, fill, plan_figures, total_cost
 from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.loading.validate import InvalidPlanError, check_plan, plan_violations
+from jaxpack.loading.violations import sentence
 
 # A plan by hand in steps of 0.1, a side view along x with z upwards:
 #
@@ -37,7 +39,8 @@ PLAN = Plan((PackedBin(0, FIRST), PackedBin(1, SECOND)))
 
 
 def found(plan=PLAN, job=JOB, **rules):
-    return list(plan_violations(job, plan, **rules))
+    """What is found, in words."""
+    return [sentence(violation) for violation in plan_violations(job, plan, **rules)]
 
 
 def moved(turn, *corner, orientation="XYZ"):
@@ -57,7 +60,7 @@ def test_the_plan_by_hand_is_valid():
     check_plan(JOB, PLAN)
     check_plan(JOB, moved(3, 0.3, 0.0, 0.3))
     turned = moved(2, 0, 0, 0.1, orientation="YXZ").bins[0].placements[:3]
-    check_plan(JOB, replace(with_first(*turned), left_out=(0,)))
+    check_plan(JOB, replace(with_first(*turned), left_out=(0,)), inclusive=True)
 
 
 def named(plan, turn, rule):
@@ -65,7 +68,9 @@ def named(plan, turn, rule):
     return f"bin 0 item {plan.bins[0].placements[turn].item} (loaded as number {turn}): {rule}"
 
 
+OVERLAPS = "overlaps the item loaded as number {} by {} along {}"
 OVER = "the item loaded as number {} is over it: not reachable from above"
+HALF = "50 % of its footprint is supported, not more than 50 %"
 FLOATS = "floats: its bottom is at {}, but what it can rest on at {}"
 
 
@@ -75,7 +80,7 @@ FLOATS = "floats: its bottom is at {}, but what it can rest on at {}"
         (
             "a block a step sideways, into the next",
             moved(0, 0.1, 0, 0),
-            [(1, "overlaps the item loaded as number 0")],
+            [(1, OVERLAPS.format(0, 0.1, "x"))],
         ),
         ("the block on top lifted", moved(3, 0, 0, 0.4), [(3, FLOATS.format(0.4, 0.3))]),
         (
@@ -86,7 +91,7 @@ FLOATS = "floats: its bottom is at {}, but what it can rest on at {}"
         (
             "the block on top sunk",
             moved(3, 0, 0, 0.2),
-            [(3, "overlaps the item loaded as number 2")],
+            [(3, OVERLAPS.format(2, 0.1, "z"))],
         ),
         (
             "the plank and the block on it loaded in the other order",
@@ -96,17 +101,17 @@ FLOATS = "floats: its bottom is at {}, but what it can rest on at {}"
         (
             "a block loaded after the plank that is over it",
             with_first(FIRST[0], FIRST[2], FIRST[1], FIRST[3]),
-            [(2, OVER.format(1))],
+            [(2, OVER.format(1)), (1, HALF)],
         ),
         (
             "out at the end",
             moved(3, 0.8, 0, 0),
-            [(3, "outside the bin: x from 0.8 to 1.1 of 0 to 1")],
+            [(3, "outside the bin: along x it reaches to 1.1, the bin to 1")],
         ),
         (
             "out at the front",
             moved(3, 0.7, -0.1, 0),
-            [(3, "outside the bin: y from -0.1 to 0.2 of 0 to 0.6")],
+            [(3, "outside the bin: along y it begins at -0.1, the bin at 0")],
         ),
         (
             "an orientation that is not allowed",
@@ -143,16 +148,16 @@ def test_a_changed_place_is_reported(change, plan, expected):
         (with_first(*FIRST, kind=2), "bin 0: there is no bin type 2"),
         (
             with_first(*FIRST, Placement(-1, "XYZ", (0.7, 0, 0))),
-            "bin 0 item -1: there is no such item",
+            "bin 0 (loaded as number 4): there is no item -1",
         ),
-        (replace(PLAN, left_out=(3,)), "left out item 3: there is no such item"),
+        (replace(PLAN, left_out=(3,)), "there is no item 3, which is left out"),
         (
             moved(3, 0.7, 0, 0, orientation="ABC"),
-            "bin 0 item 0: there is no orientation ABC",
+            "bin 0 item 0 (loaded as number 3): there is no orientation 'ABC'",
         ),
         (
             moved(3, 0, math.nan, 0.3),
-            "bin 0 item 0: its corner (0, nan, 0.3) is no position",
+            "bin 0 item 0 (loaded as number 3): there is no position (0, nan, 0.3)",
         ),
     ],
 )
@@ -171,12 +176,19 @@ def test_weight():
 @pytest.mark.parametrize(
     ("x", "rules", "message"),
     [
-        (0, {}, None),
-        (0, {"inclusive": False}, "50 % of its footprint is supported, not more than 50 %"),
-        (0.001, {}, "49.8333333 % of its footprint is supported, not at least 50 %"),
+        (0, {}, "50 % of its footprint is supported, not more than 50 %"),
+        (0, {"inclusive": True}, None),
+        (0, {"support": 0.4999}, None),
+        (0.001, {}, "49.8333333 % of its footprint is supported, not more than 50 %"),
+        (
+            0.001,
+            {"inclusive": True},
+            "49.8333333 % of its footprint is supported, not at least 50 %",
+        ),
         (0.001, {"support": 0.4}, None),
         (0, {"support": 1.0}, "50 % of its footprint is supported, not at least 100 %"),
         (0.299, {"support": 0}, None),
+        (0.299, {"support": 0, "inclusive": True}, None),
         (0.3, {"support": 0}, "floats: its bottom is at 0.1, but what it can rest on at 0"),
     ],
 )
@@ -195,41 +207,99 @@ def test_only_what_ends_at_its_bottom_supports():
     )
     places = [(0, (0, 0, 0)), (1, (2, 0, 0)), (2, (0, 0, 2))]
     plan = Plan((PackedBin(0, tuple(Placement(item, "XYZ", at) for item, at in places)),))
-    assert found(plan, job) == []
-    assert found(plan, job, support=0.51) == [
-        "bin 0 item 2 (loaded as number 2): 50 % of its footprint is supported, not at least 51 %"
+    assert found(plan, job, inclusive=True) == []
+    assert found(plan, job) == [
+        "bin 0 item 2 (loaded as number 2): 50 % of its footprint is supported, not more than 50 %"
     ]
 
 
-def test_slack():
-    """What a computed float misses by is forgiven only where a slack says so."""
-    computed = moved(3, 0, 0, 0.1 + 0.2)
-    assert "floats: its bottom is at 0.3" in found(computed)[0]
-    assert found(computed, slack=1e-9) == []
-    # On a grid of 0.1: sides of 0.28 count as 0.3, so there are gaps, and half of the plank
-    # rests on cells of which the block fills less.
-    items = (ItemType((0.28, 0.28, 0.08), copies=2), ItemType((0.6, 0.28, 0.18)))
-    job = Job(items, (BinType((0.95, 0.6, 0.5)),))
-    places = [(0, (0, 0, 0)), (1, (0, 0, 0.1)), (0, (0.6, 0, 0))]
-    plan = Plan((PackedBin(0, tuple(Placement(item, "XYZ", at) for item, at in places)),))
-    assert [message.split(":")[0] for message in found(plan, job)] == [
-        "bin 0 item 1 (loaded as number 1)"
+@pytest.mark.parametrize("inclusive", [True, False])
+@pytest.mark.parametrize(
+    ("support", "held"), [(1 / 3, (1, 3)), (2 / 3, (2, 3)), (0.6667, (2, 3)), (0.2, (1, 5))]
+)
+def test_a_share_that_no_float_is(support, held, inclusive):
+    """A third is a third: exactly held by one block of three."""
+    carried, length = held
+    job = Job((ItemType((carried, 1, 1)), ItemType((length, 1, 1))), (BinType((9, 9, 9)),))
+    plan = Plan((PackedBin(0, (Placement(0, "XYZ", (0, 0, 0)), Placement(1, "XYZ", (0, 0, 1)))),))
+    short = support == 0.6667 or not inclusive
+    assert bool(found(plan, job, support=support, inclusive=inclusive)) == short
+
+
+def test_the_whole_base_is_enough_where_all_of_it_is_asked_for():
+    assert found(support=1.0, inclusive=False) == []
+
+
+@pytest.mark.parametrize("support", [-0.1, 1.1, math.nan, math.inf])
+def test_a_support_that_is_no_share(support):
+    with pytest.raises(UserError, match="give a share of the base, 0 to 1"):
+        check_plan(JOB, PLAN, support)
+
+
+@pytest.mark.parametrize(
+    "z", [0.1 + 0.2, 0.3 + 9e-13, 0.3 - 9e-13, float(np.nextafter(0.3, 1)), np.float32(0.3).item()]
+)
+def test_the_noise_of_floats_is_no_length(z):
+    """The bin is 1 long: what misses 0.3 by less than 1e-12 is 0.3."""
+    assert bool(found(moved(3, 0, 0, z))) == (abs(z - 0.3) > 1e-12)
+
+
+@pytest.mark.parametrize("scale", [1, 100, 0.001, 1e6])
+def test_what_misses_by_more_than_noise_is_another_length(scale):
+    def scaled(size):
+        return tuple(side * scale for side in size)
+
+    job = replace(
+        JOB,
+        items=tuple(replace(item, size=scaled(item.size)) for item in JOB.items),
+        bins=tuple(replace(kind, size=scaled(kind.size)) for kind in JOB.bins),
+    )
+
+    def shifted(by):
+        first = [replace(put, corner=scaled(put.corner)) for put in FIRST]
+        x, y, z = first[3].corner
+        first[3] = replace(first[3], corner=(x, y, z + by * scale))
+        second = tuple(replace(put, corner=scaled(put.corner)) for put in SECOND)
+        return Plan((PackedBin(0, tuple(first)), PackedBin(1, second)))
+
+    assert found(shifted(0), job) == []
+    assert found(shifted(5e-13), job) == found(shifted(-5e-13), job) == []
+    assert "floats" in found(shifted(2e-12), job)[0]
+    assert "overlaps" in found(shifted(-2e-12), job)[0]
+
+
+def test_a_difference_of_large_numbers_is_the_length_that_is_meant():
+    """The bin is 1200 long; 1200 - 1199.7 is 0.2999999999999545."""
+    job = Job((ItemType((0.3, 1, 1)), ItemType((1199.7, 1, 1))), (BinType((1200, 1, 1)),))
+    places = (Placement(0, "XYZ", (0, 0, 0)), Placement(1, "XYZ", (1200 - 1199.7, 0, 0)))
+    assert found(Plan((PackedBin(0, places),)), job) == []
+    places = (places[0], Placement(1, "XYZ", (0.29999999, 0, 0)))
+    assert len(found(Plan((PackedBin(0, places),)), job)) == 1
+
+
+def test_a_position_between_the_units_is_what_it_shows():
+    """Cubes of 10 at thirds of it: no multiple of the unit, and they fit."""
+    job = Job((ItemType((10, 10, 10), copies=2),), (BinType((20, 10, 10)),))
+
+    def at(*xs):
+        return Plan((PackedBin(0, tuple(Placement(0, "XYZ", (x, 0, 0)) for x in xs)),))
+
+    assert found(at(0, 10), job) == []
+    assert found(at(10 / 3, 10), job) != []
+    wide = replace(job, bins=(BinType((40, 10, 10)),))
+    assert found(at(10 / 3, 10 + 10 / 3), wide) == []
+    assert found(at(10 / 3, 13.33333333), wide) == [
+        "bin 0 item 0 (loaded as number 1): overlaps the item loaded as number 0 by "
+        "3.33e-09 along x"
     ]
-    assert found(plan, job, slack=0.1) == []
-    assert len(found(plan, job, slack=0.01)) == 1
 
 
-def test_a_slack_still_sees_what_is_larger():
-    assert found(moved(0, 0.1, 0, 0), slack=0.05)
-    assert found(moved(3, 0, 0, 0.4), slack=0.05)
-    assert found(moved(3, 0.8, 0, 0), slack=0.05)
-
-
-@pytest.mark.parametrize("scale", [1, 0.001, 1e9 + 0.1])
+@pytest.mark.parametrize("scale", [1, 0.001, 1e5 + 0.123, 5e5 + 0.001])
 def test_units_change_nothing(scale):
     """Also where areas are beyond 64 bits: valid stays valid, and a touch is no overlap."""
     items = tuple(ItemType((side * scale, scale, scale)) for side in (1, 1, 2))
-    job = Job(items, (BinType((2 * scale, scale, 2 * scale)),))
+    speck = ItemType((0.001, 0.001, 0.001), copies=0)  # makes a fine unit of it
+    job = Job((*items, speck), (BinType((2 * scale, scale, 2 * scale)),))
     corners = [(0, 0, 0), (scale, 0, 0), (0, 0, scale)]
     places = tuple(Placement(item, "XYZ", corner) for item, corner in enumerate(corners))
     assert found(Plan((PackedBin(0, places),)), job, support=1.0) == []
@@ -252,7 +322,7 @@ def test_against_a_height_map():
             under[:] = np.maximum(under, z + z_side)
         job = Job(tuple(ItemType(tuple(size)) for size in sizes.tolist()), (BinType((5, 5, 9)),))
         plan = Plan((PackedBin(0, tuple(places)),))
-        assert (not found(plan, job, support=0.3)) == valid, (sizes, places)
+        assert (not found(plan, job, support=0.3, inclusive=True)) == valid, (sizes, places)
         verdicts.append(valid)
     assert 0.2 < np.mean(verdicts) < 0.8
 
@@ -263,7 +333,7 @@ def test_two_dimensions():
     standing = Plan((PackedBin(0, (Placement(0, "ZYX", (1, 0, 0)),)),))
     lying = Plan((PackedBin(0, (Placement(0, "XYZ", (0, 0, 0)),)),))
     assert found(standing, job) == []
-    assert "outside the bin: x from 0 to 4 of 0 to 3" in found(lying, job)[0]
+    assert "outside the bin: along x it reaches to 4, the bin to 3" in found(lying, job)[0]
 
 
 def test_figures():

@@ -1,9 +1,4 @@
-"""Is a packing possible? An independent check in NumPy that shares no code with the kernel.
-
-It knows no height map: it compares the items of a bin pair by pair, as boxes. Reachable means
-that an item can be lowered straight onto its place when its turn in the order comes: no item
-that was packed earlier, and stands over the same cells, reaches higher than where it rests.
-"""
+"""Is a packing of the grid possible? An independent check that shares no code with the kernel."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -11,9 +6,11 @@ from itertools import islice
 import numpy as np
 from jax.typing import ArrayLike
 
+from jaxpack.packing.check import Boxes, Rule, misplaced, share_of
 from jaxpack.packing.problem import Instance, Packing, Problem
 
-CHUNK = 256  # instances compared at a time: bounds the memory of the [B, N, N] tables
+CHUNK = 1 << 18  # items checked at a time: bounds the memory
+SHOWN = 5  # violations in one message
 
 
 class InvalidPackingError(AssertionError):
@@ -23,8 +20,11 @@ class InvalidPackingError(AssertionError):
 def check_packings(
     problem: Problem, instances: Instance, orders: ArrayLike, packings: Packing, label: str = ""
 ) -> None:
-    """Raises InvalidPackingError naming the first violations, if there are any."""
-    found = list(islice(violations(problem, instances, orders, packings), 5))
+    """Raises InvalidPackingError naming the first violations, if there are any.
+
+    For the arguments see `violations`; `label` says whose packings they are.
+    """
+    found = list(islice(violations(problem, instances, orders, packings), SHOWN))
     if found:
         raise InvalidPackingError(f"{label} packed against the rules: " + "; ".join(found))
 
@@ -46,8 +46,9 @@ def violations(
         np.asarray(leaf)[None] if single else np.asarray(leaf)
         for leaf in (*arrays, packings.position)
     )
-    for first in range(0, len(order), CHUNK):
-        part = slice(first, first + CHUNK)
+    length = max(1, CHUNK // max(1, order.shape[1]))
+    for first in range(0, len(order), length):
+        part = slice(first, first + length)
         for name, broken in _broken_rules(
             problem, size[part], mask[part], room[part], order[part], bins[part], corner[part]
         ):
@@ -72,32 +73,32 @@ def _broken_rules(
     yield "not packed", mask & (bins < 0)
     yield "padding was packed", ~mask & (bins >= 0)
     yield "bin number out of range", bins >= items
-    numbers = np.arange(items)
-    used = ((bins[:, :, None] == numbers) & mask[:, :, None]).any(1)
-    yield "bins are not numbered from 0 without gaps", (used[:, 1:] & ~used[:, :-1]).any(1)
-
     packed = mask & (bins >= 0)
-    far = corner + size
-    outside = (corner < 0).any(2) | (far > room[:, None]).any(2)
-    yield "outside the bin", packed & outside
+    used = np.zeros((len(bins), items), bool)
+    instance, item = np.nonzero(packed & (bins < items))
+    used[instance, bins[instance, item]] = True
+    yield "bins are not numbered from 0 without gaps", np.any(used[:, 1:] & ~used[:, :-1], axis=1)
 
     turn = np.argsort(order, axis=1)  # the inverse permutation: when each item was packed
-    same_bin = (bins[:, :, None] == bins[:, None, :]) & packed[:, :, None] & packed[:, None, :]
-    same_bin &= ~np.eye(items, dtype=bool)
-    # shared[b, i, j]: cells of i's footprint that lie over or under j's.
-    reach = np.minimum(far[:, :, None], far[:, None]) - np.maximum(
-        corner[:, :, None], corner[:, None]
-    )
-    shared = np.clip(reach[..., 0], 0, None) * np.clip(reach[..., 1], 0, None) * same_bin
-    yield "overlaps another item", ((shared > 0) & (reach[..., 2] > 0)).any(2)
-    earlier = turn[:, None, :] < turn[:, :, None]
-    z, top = corner[..., 2], far[..., 2]
-    blocked = (shared > 0) & earlier & (top[:, None, :] > z[:, :, None])
-    yield "not reachable from above", blocked.any(2)
-
-    below = earlier & (top[:, None, :] == z[:, :, None])
-    footprint = size[..., 0] * size[..., 1]
-    supported = np.where(z == 0, footprint, (shared * below).sum(2))
-    share = problem.support * footprint
-    stable = supported >= share - 1e-6 if problem.inclusive else supported > share + 1e-6
-    yield "not supported", packed & ~(stable & (supported > 0))
+    sequence = np.argsort(turn, axis=1)
+    instance, at = np.nonzero(np.take_along_axis(packed, sequence, 1))
+    item = sequence[instance, at]
+    names, number = np.unique(bins[instance, item], return_inverse=True)
+    low = corner[instance, item].astype(np.int64)
+    high = low + size[instance, item]
+    boxes = Boxes(instance * len(names) + number, low, high, room[instance].astype(np.int64))
+    support, inclusive = share_of(problem.support), problem.inclusive
+    broken = {rule: np.zeros(packed.shape, bool) for rule in Rule}
+    for found in misplaced(boxes, support, inclusive):
+        broken[found.rule][instance[found.row], item[found.row]] = True
+    overlaps = broken[Rule.OVERLAP].copy()
+    if overlaps.any():  # of the earlier one of the two too: backwards it is the later one
+        backwards = Boxes(*(leaf[::-1] for leaf in boxes))
+        for found in misplaced(backwards, support, inclusive):
+            if found.rule is Rule.OVERLAP:
+                row = len(low) - 1 - found.row
+                overlaps[instance[row], item[row]] = True
+    yield "outside the bin", broken[Rule.OUTSIDE]
+    yield "overlaps another item", overlaps
+    yield "not reachable from above", broken[Rule.OVERLAP] | broken[Rule.BLOCKED]
+    yield "not supported", broken[Rule.FLOATING] | broken[Rule.SUPPORT]
