@@ -17,7 +17,6 @@ from jaxpack.loading.numbers import as_number, as_whole
 from jaxpack.loading.solver import End, Progress, SolveOptions, solve_job
 from jaxpack.loading.stock import fitting_ways
 from jaxpack.loading.units import fine_enough
-from jaxpack.loading.validate import check_plan
 
 LARGEST_SEED = 2**32 - 1
 
@@ -132,7 +131,7 @@ def solve(
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    return solution(job, options, solve_job(job, options))
+    return solution(job, solve_job(job, options))
 
 
 def checked_options(
@@ -168,14 +167,9 @@ def checked_options(
     return replace(options, time_limit=limit, seed=seed, support=support, resolution=unit)
 
 
-def solution(job: Job, options: SolveOptions, found: Progress) -> Solution:
-    """What a search has ended with, checked once more.
-
-    Raises:
-        InvalidPlanError: never, unless this program is wrong.
-    """
+def solution(job: Job, found: Progress) -> Solution:
+    """What a search has ended with, in figures."""
     assert found.end is not None, "it goes on"
-    check_plan(job, found.plan, options.support, options.inclusive)
     return Solution(
         job=job,
         plan=found.plan,

@@ -167,7 +167,7 @@ def search(
         for found in improve(job, options, stop):
             if figures != (figures := live_figures(job, found)) and not live.is_started:
                 say(console, f"{found.seconds:.1f} s: {figures}")
-    return solution(job, options, found)
+    return solution(job, found)
 
 
 def write_files(found: Solution, files: dict[str, Path]) -> None:

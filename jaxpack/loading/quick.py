@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxpack.loading.columns import stand_in_columns
 from jaxpack.loading.stock import Genes, Loading, Stock, lane_genes
 from jaxpack.packing.top_map import TopMap
 
@@ -42,7 +43,7 @@ def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Be
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
-        _stand_in_columns(loading, genes, bin, corner)
+        genes = stand_in_columns(loading, genes, bin, corner)
     return Best(genes, bin, corner, cost_of(loading.stock, bin))
 
 
@@ -146,7 +147,14 @@ class _Filler:
         # Least height, by footprint, of what found no place: nothing higher will before the next.
         refused: dict[tuple[int, int], int] = {}
         offered = np.flatnonzero((self.waiting > 0) & self._may(slice(None), free, left))
+        in_vain = 0  # offers since the last that was taken
         while len(offered) and not self.stop():
+            if in_vain and in_vain & (in_vain - 1) == 0:  # 1, 2, 4, ...: as many at once
+                next_ones, offered = offered[: 4 * in_vain], offered[4 * in_vain :]
+                offered = np.concatenate([next_ones[top.have_room(self.size[next_ones])], offered])
+                if not len(offered):
+                    break
+            in_vain += 1
             run, offered = int(offered[0]), offered[1:]
             length, width, height = self.size[run].tolist()
             volume, weight, came = float(self.volume[run]), int(self.weight[run]), False
@@ -170,7 +178,7 @@ class _Filler:
                 self.waiting[run] -= len(corners)
                 free, left = free - len(corners) * volume, left - len(corners) * weight
                 refused.clear()
-                came = True
+                came, in_vain = True, 0
             if came:
                 offered = offered[self._may(offered, free, left)]
 
@@ -254,45 +262,3 @@ def _shuffled(loading: Loading, pool: np.ndarray, random: np.random.Generator) -
         for n in chosen
     ]
     return genes_of(loading, runs, pool)
-
-
-def _stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> None:
-    """Packs what is not packed yet into bins of its own, each item on its like: in one pass.
-
-    Columns stand side by side along x, and such rows one behind the other along y.
-    """
-    stock, used = loading.stock, np.zeros(len(loading.bins), bool)
-    used[bin[bin >= 0]] = True
-    slots = iter([slot for slot in genes.pool.tolist() if not used[slot]])
-    waiting = genes.order[bin[genes.order] < 0]
-    kinds = loading.items[waiting] * 8 + genes.turn[waiting]
-    groups = np.split(waiting, np.flatnonzero(np.diff(kinds)) + 1)
-    step, no_limit = int(stock.step), np.iinfo(stock.limit.dtype).max
-    slot, room, left, x, y, depth = -1, [0, 0, 0], 0, 0, 0, 0
-    for rows in groups:
-        size = stock.sizes[rows[0], genes.turn[rows[0]]].tolist()
-        weight = int(stock.weight[rows[0]])
-        across, behind = (-(-side // step) * step for side in size[:2])
-        while len(rows):
-            high = min(room[2] // size[2], left // weight if weight else len(rows), len(rows))
-            if x + size[0] > room[0]:
-                x, y, depth = 0, y + depth, 0
-            if not high or x + size[0] > room[0] or y + size[1] > room[1]:
-                slot = next(slots, -1)
-                if slot < 0:
-                    return
-                room = stock.bins[slot].tolist()
-                left = int(stock.limit[slot])
-                left = 2**62 if left == no_limit else left
-                x = y = depth = 0
-                continue
-            columns = min((room[0] - x - size[0]) // across + 1, len(rows) // high)
-            columns = min(columns, left // (weight * high)) if weight else columns
-            count = max(1, columns) * high
-            number = np.arange(count)
-            bin[rows[:count]] = slot
-            corner[rows[:count], 0] = x + number // high * across
-            corner[rows[:count], 1] = y
-            corner[rows[:count], 2] = number % high * size[2]
-            x, depth, left = x + max(1, columns) * across, max(depth, behind), left - count * weight
-            rows = rows[count:]

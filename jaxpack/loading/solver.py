@@ -19,7 +19,7 @@ from jaxpack.loading.validate import check_plan
 TICK = 0.05  # seconds between looks at the clock
 FIRST = 0.5  # share of the time after which the first plan is ended in columns
 BOUNDING = 0.15  # share of the time that bounds may take
-PER_ITEM = 3e-5  # seconds to check a plan and say what it amounts to, on a slow core
+CHECKING = 4  # times as long as to encode a job it takes to decode a plan and to check it
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,9 @@ def improve(
     """
     begun = perf_counter()
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
+    checking = CHECKING * (perf_counter() - begun)
     record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
-    end = begun + options.time_limit - PER_ITEM * len(loading.items)
+    end = begun + options.time_limit - checking
 
     def late() -> bool:
         return perf_counter() > end or stop()

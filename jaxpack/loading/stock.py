@@ -175,7 +175,10 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
     sizes = stock.sizes.astype(np.float64)
     N, K = sizes.shape[:2]
     height = np.where(np.arange(K) < stock.ways[:, None], sizes[..., 2], np.nan)
-    if lane % 12 >= 9:  # turned alike if they are alike: a random way of every kind
+    if lane % 12 == 9:  # so that a bin holds most of its like
+        alike = (stock.bins[0] // stock.sizes).astype(np.float64).prod(2)
+        turn = np.where(np.arange(K) < stock.ways[:, None], alike, -1).argmax(1)
+    elif lane % 12 > 9:  # turned alike if they are alike: a random way of every kind
         share = random.random(len(loading.job.items))
         turn = (share[loading.items] * stock.ways).astype(np.int64)
     else:  # as given, lying flat, standing

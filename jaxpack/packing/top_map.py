@@ -15,6 +15,7 @@ Sides = tuple[int, int, int]
 
 NOWHERE = np.iinfo(np.int64).max
 """The resting height where an item is not allowed."""
+AT_ONCE = 2**19  # numbers in a table of many items at once
 
 
 @dataclass
@@ -82,6 +83,45 @@ class TopMap:
             z[z == least] = NOWHERE
         return None
 
+    def have_room(self, sizes: np.ndarray) -> np.ndarray:
+        """Which of many items come to rest below the ceiling anywhere, carried or not.
+
+        Args:
+            sizes: int64 [I, 3], units.
+
+        Returns:
+            bool [I]; all of them where the map has too many cells to look at them at once.
+        """
+        maxima = self._block_maxima()
+        if maxima is None:
+            return np.ones(len(sizes), bool)
+        found = np.zeros(len(sizes), bool)
+        corners = self.x.corner.sum() * self.y.corner.sum()
+        for some in np.array_split(np.arange(len(sizes)), 1 + len(sizes) * corners // AT_ONCE):
+            near_x, far_x, long_x, out_x = _blocks(self.x, sizes[some, 0])
+            near_y, far_y, long_y, out_y = _blocks(self.y, sizes[some, 1])
+            x, y = np.s_[:, :, None], np.s_[:, None]
+            z = maxima[long_x[x], long_y[y], near_x[x], near_y[y]]
+            for one, other in ((near_x, far_y), (far_x, near_y), (far_x, far_y)):
+                np.maximum(z, maxima[long_x[x], long_y[y], one[x], other[y]], out=z)
+            z[out_x[x] | out_y[y]] = NOWHERE
+            found[some] = z.min((1, 2), initial=NOWHERE) <= self.room[2] - sizes[some, 2]
+        return found
+
+    def _block_maxima(self) -> np.ndarray | None:
+        """Maxima over blocks of 2^i by 2^j cells from every cell on: [i, j, X, Y]."""
+        long, wide = (int(cells).bit_length() for cells in self.top.shape)
+        if self.top.size * long * wide > AT_ONCE:
+            return None
+        maxima = np.zeros((long, wide, *self.top.shape), np.int64)
+        for i in range(long):
+            row = self.top if not i else _doubled(maxima[i - 1, 0], 1 << (i - 1))
+            maxima[i, 0] = row
+            for j in range(1, wide):
+                row = _doubled(row.T, 1 << (j - 1)).T
+                maxima[i, j] = row
+        return maxima
+
     def alike_beside(self, size: Sides, corner: Place) -> tuple[int, int]:
         """How many items of one size make full rows along x, and how many rows along y, on what is
         level with the corner: (0, 0) if not even the first lies on level ground.
@@ -129,6 +169,26 @@ def _windows(lines: Lines, length: int) -> tuple[np.ndarray, np.ndarray]:
     """The cells from .. to (not included) that an item covers, for every corner it fits at."""
     near = np.flatnonzero(lines.corner & (lines.at + length <= lines.at[-1]))
     return near, np.searchsorted(lines.at, lines.at[near] + length, "left")
+
+
+def _blocks(lines: Lines, lengths: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(near, far, long, outside) [I, C] of every corner: two blocks of 2^long cells, from the cells
+    near and far on, are the window of an item, unless it is outside.
+    """
+    corner = np.flatnonzero(lines.corner)
+    ends = lines.at[corner] + lengths[:, None]
+    outside = ends > lines.at[-1]
+    last = np.searchsorted(lines.at, np.minimum(ends, lines.at[-1]), "left")
+    near = np.broadcast_to(np.minimum(corner, len(lines.at) - 2), ends.shape)
+    long = np.frexp(np.maximum(last - near, 1))[1] - 1
+    return near, np.maximum(last - (1 << long), 0), long, outside
+
+
+def _doubled(maxima: np.ndarray, block: int) -> np.ndarray:
+    """Maxima of blocks of rows twice as long; those over the edge are as they were."""
+    doubled = maxima.copy()
+    np.maximum(maxima[:-block], maxima[block:], out=doubled[:-block])
+    return doubled
 
 
 def _window_maxima(values: np.ndarray, near: np.ndarray, far: np.ndarray) -> np.ndarray:
