@@ -44,7 +44,7 @@ from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
 from jaxpack.loading.compiled import encode
 from jaxpack.loading.exact import common_scale, exact
-from jaxpack.loading.figures import lower_bound
+from jaxpack.loading.bounds import bounds
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.loading.stock import Rules, load_job
 from jaxpack.loading.validate import plan_violations
@@ -318,7 +318,7 @@ def cpsat_3d(job: Job, seconds: float, seed: int) -> Bins:
     ends = [ends_inside(model, *pair, room) for pair in zip(corners, turns, strict=True)]
     for i, j in combinations(range(len(order)), 2):
         keep_apart(model, bins, corners, ends, i, j)
-    most = model.new_int_var(lower_bound(job) - 1, last, "")
+    most = model.new_int_var(bounds(job).bins - 1, last, "")
     model.add_max_equality(most, bins)
     model.minimize(most)
     for i, (bin, corner) in enumerate(places):
@@ -491,7 +491,7 @@ def audited(job: Job, plan: Plan) -> dict[str, Any]:
         raise AssertionError(f"{job.name}: a valid plan is not valid once it has settled")
     return {
         "bins": len(plan.bins),
-        "lower_bound": lower_bound(job),
+        "lower_bound": bounds(job).bins,
         "valid": valid,
         "floating": broken[Rule.FLOATING],
         "supported": round(supported_share(bins), 4),

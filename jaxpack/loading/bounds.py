@@ -99,10 +99,7 @@ def volume_bound(job: Job) -> int:
 
 
 def weight_bound(job: Job) -> int:
-    """The same for the weight, and that two items above half the limit share no bin.
-
-    0 if a bin has no limit.
-    """
+    """The same for the weight, and that two items above half the limit share no bin; 0 without limits."""
     return _by_weight(goods_of(job))
 
 
@@ -169,16 +166,16 @@ def _by_weight(goods: Goods) -> int:
 
 
 def _heavy(goods: Goods) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights and copies of what has a weight [n], and limits [kinds]; none if a bin has no limit.
+    """Weights and copies of what has a weight [n], and limits [kinds]; none if no bin has one.
 
     Rounded down to few bits: what is in a bin stays within its limit, as a sum rounded down is no
-    less than that of its parts.
+    less than that of its parts. A bin without limit can hold all that there is.
     """
-    most = int(goods.limits.max(initial=0))
-    shift = max(0, most.bit_length() - LIGHT)
-    weights, limits = goods.weights >> shift, goods.limits >> shift
-    some = (weights > 0) & (most < UNLIMITED)
-    return weights[some], goods.copies[some], limits
+    total = _sum_of_products(goods.weights, goods.copies)
+    limits = np.array([min(limit, total) for limit in goods.limits.tolist()], object)
+    shift = max(0, int(limits.max()).bit_length() - LIGHT)
+    some = (goods.weights >> shift > 0) & bool((goods.limits < UNLIMITED).any())
+    return goods.weights[some] >> shift, goods.copies[some], (limits >> shift).astype(np.int64)
 
 
 def _sum_of_products(*columns: np.ndarray) -> int:

@@ -34,10 +34,15 @@ class Goods:
     def groups(self) -> Iterator["Goods"]:
         """All of it, then the items that fit no other bins than some, with these bins."""
         yield self
-        sets, of_row = np.unique(self.fits, axis=0, return_inverse=True)
+        if self.fits.all():
+            return
+        # As bytes, which are soon sorted.
+        _, first, of_row = np.unique(
+            np.packbits(self.fits, axis=1), axis=0, return_index=True, return_inverse=True
+        )
         held = np.bincount(of_row.ravel(), self.copies * self.sizes[0].astype(float).prod(1))
         for number in np.argsort(-held, kind="stable")[:MOST_GROUPS]:
-            kinds = sets[number]
+            kinds = self.fits[first[number]]
             if kinds.all():
                 continue
             rows = ~(self.fits & ~kinds).any(1)

@@ -1,0 +1,273 @@
+"""Bounds: never above the optimum, as high as can be proved, and soon found."""
+
+import math
+import random
+import time
+import tracemalloc
+from fractions import Fraction
+
+import pytest
+from optimum import optimum
+
+from jaxpack.loading.bounds import bounds, gap, volume_bound
+from jaxpack.loading.figures import PlanFigures, plan_worth
+from jaxpack.loading.job import ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, PackedBin, Plan
+
+ANY = tuple(ORIENTATIONS)
+AS_GIVEN = ("XYZ",)
+FREE = (UPRIGHT, ANY, AS_GIVEN)
+FLAT = (AS_GIVEN, ("XYZ", "ZYX"))
+
+
+def job_of(bin, *sizes, copies=1, ways=ANY, dimension=3):
+    items = tuple(ItemType(size, copies, orientations=ways) for size in sizes)
+    return Job(items, (BinType(bin),), dimension)
+
+
+@pytest.mark.parametrize(
+    ("job", "by_volume", "bins"),
+    [
+        (job_of((320, 490, 290), (330, 88, 88), copies=17), 1, 2),
+        (job_of((320, 490, 290), (88, 330, 88), copies=17, ways=AS_GIVEN), 1, 2),
+        (job_of((282, 222, 190), (213, 187, 180), (217, 170, 78), (129, 102, 71)), 1, 2),
+        (
+            job_of(
+                (236, 1, 1190),
+                *((115, 1, length) for length in (300, 330, 360)),
+                copies=12,
+                ways=FLAT[1],
+                dimension=2,
+            ),
+            5,
+            6,
+        ),
+        (
+            job_of(
+                (1190, 236, 40), *((n, 115, 40) for n in (300, 330, 360)), copies=12, ways=UPRIGHT
+            ),
+            5,
+            6,
+        ),
+        # 115.5 + 120.6 are 0.1 too long for 236; of 80 two fit, not four.
+        (job_of((236, 10, 10), (115.5, 10, 10), (120.6, 10, 10), ways=AS_GIVEN), 2, 2),
+        (job_of((236.1, 10, 10), (115.5, 10, 10), (120.6, 10, 10), ways=AS_GIVEN), 1, 1),
+        (job_of((236, 10, 10), (80, 10, 10), copies=4, ways=AS_GIVEN), 2, 2),
+    ],
+)
+def test_what_is_provable_is_proved(job, by_volume, bins):
+    assert (volume_bound(job), bounds(job).bins) == (by_volume, bins)
+
+
+def tiny_job(rng):
+    dimension = rng.choice((2, 3))
+    largest = 5 if dimension == 3 else 9
+    heavy, priced = rng.random() < 0.4, rng.random() < 0.5
+
+    def size(low, high):
+        width = rng.randint(low, high) if dimension == 3 else 1
+        return rng.randint(low, high), width, rng.randint(low, high)
+
+    bins = tuple(
+        BinType(
+            size(2, largest),
+            cost=rng.choice((None, rng.randint(0, 20), rng.randint(1, 9))) if priced else None,
+            copies=rng.choice((None, None, 0, 1, 2)),
+            max_weight=rng.choice((math.inf, rng.randint(0, 20))) if heavy else math.inf,
+        )
+        for _ in range(rng.choice((1, 1, 2, 3)))
+    )
+    items = tuple(
+        ItemType(
+            size(1, largest - 1),
+            weight=rng.randint(0, 9) if heavy else 0,
+            orientations=rng.choice(FREE if dimension == 3 else FLAT),
+        )
+        for _ in range(rng.randint(2, 5))
+    )
+    return Job(items, bins, dimension)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bounds_are_never_above_the_optimum_and_mostly_reach_it(seed):
+    rng, reached, solved = random.Random(seed), 0, 0
+    for _ in range(200):
+        job = tiny_job(rng)
+        best, unfit = optimum(job)
+        found = bounds(job)
+        assert found.unfit == unfit
+        if best is None:  # too few bins
+            continue
+        bins, cost, worth = best
+        assert found.bins <= bins, job
+        assert found.cost <= cost, job
+        assert found.worth <= (unfit, *worth), job
+        solved, reached = solved + 1, reached + (found.worth == (unfit, *worth))
+    assert solved > 100
+    assert reached > 0.85 * solved
+
+
+def pieces(rng, box, number, axes):
+    """A box of whole sides sawn into so many, straight through."""
+    parts = [box]
+    while len(parts) < number:
+        part = parts.pop(rng.randrange(len(parts)))
+        axis = rng.choice(axes)
+        if part[axis] == 1:
+            parts.append(part)
+            continue
+        cut = rng.randint(1, part[axis] - 1)
+        parts += [(*part[:axis], length, *part[axis + 1 :]) for length in (cut, part[axis] - cut)]
+    return parts
+
+
+def split(rng, total, number):
+    """Whole numbers that come to the total."""
+    cuts = sorted(rng.randint(0, total) for _ in range(number - 1))
+    return [high - low for low, high in zip([0, *cuts], [*cuts, total], strict=True)]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_bounds_are_never_above_bins_sawn_into_items(seed):
+    """Up to 2^30 thousandths a side, full to the last, of volume and of weight."""
+
+    def lengths(sides):
+        return tuple(side / 1000 if axis in axes else 1 for axis, side in enumerate(sides))
+
+    rng = random.Random(seed)
+    for _ in range(25):
+        dimension = rng.choice((2, 3))
+        axes = (0, 2) if dimension == 2 else (0, 1, 2)
+        finest = rng.choice((12, 1000, 10**6, 2**30))
+        limit = rng.choice((math.inf, 10**9, 1000))
+        ways = FLAT if dimension == 2 else FREE
+        items, kinds, cost, used = [], [], 0, 0
+        for _ in range(rng.choice((1, 1, 3))):
+            box = tuple(rng.randint(6, finest) if axis in axes else 1 for axis in range(3))
+            copies = rng.randint(1, 6)
+            kinds.append(
+                BinType(lengths(box), rng.randint(1, 99), rng.choice((copies, None)), limit)
+            )
+            cost, used = cost + copies * kinds[-1].cost, used + copies
+            for _ in range(copies):
+                parts = pieces(rng, box, rng.randint(1, 40), axes)
+                weights = split(rng, 0 if limit == math.inf else limit, len(parts))
+                for part, weight in zip(parts, weights, strict=True):
+                    way = rng.choice(rng.choice(ways))
+                    # Given so that it is turned like that in the plan.
+                    given = tuple(part[ORIENTATIONS[way].index(side)] for side in range(3))
+                    allowed = {way, *rng.choice(ways)}
+                    items.append(ItemType(lengths(given), 1, weight, tuple(allowed)))
+        job = Job(tuple(items), tuple(kinds), dimension)
+        found = bounds(job)
+        assert found.unfit == 0
+        assert found.bins <= used
+        assert found.cost <= cost
+        if len(kinds) == 1:
+            assert (found.bins, found.cost) == (used, cost)
+
+
+def test_an_item_that_fits_the_dear_bin_alone():
+    """The large one needs a bin of 50; beside it are 7 of the small ones, no more by volume."""
+    bins = (BinType((10, 10, 10), cost=50), BinType((4, 4, 4), cost=1, copies=3))
+    job = Job((ItemType((5, 5, 5)), ItemType((4, 4, 4), copies=10)), bins)
+    found = bounds(job)
+    assert (found.bins, found.cost) == (2, 53)
+    assert bounds(Job(job.items[:1], bins)).cost == 50
+    assert bounds(Job(job.items[1:], bins)).cost == 52  # eight in the truck
+
+
+def test_weights_of_several_bins():
+    """A bin without limit may be there: the cheap ones have one."""
+    bins = (BinType((9, 9, 9), cost=10, max_weight=100), BinType((9, 9, 9), cost=35))
+    job = Job((ItemType((1, 1, 1), 7, weight=40),), bins)
+    found = bounds(job)
+    assert (found.bins, found.cost) == (1, 35)
+    assert bounds(Job((ItemType((1, 1, 1), 6, weight=40),), bins)).cost == 30
+
+
+def test_what_is_out_of_stock_holds_nothing():
+    job = Job(
+        (ItemType((5, 5, 5)), ItemType((2, 2, 2), 3)),
+        (BinType((9, 9, 9), copies=0), BinType((2, 2, 4))),
+    )
+    found = bounds(job)
+    assert (found.bins, found.unfit, found.worth) == (2, 1, (1, 0, 2, 32))
+
+
+def packed(*kinds, left_out=()):
+    return Plan(tuple(PackedBin(kind, ()) for kind in kinds), left_out)
+
+
+def test_a_plan_is_at_its_bound_when_nothing_is_left_to_win():
+    alike = (BinType((9, 9, 9), cost=5), BinType((6, 6, 6), cost=5), BinType((3, 3, 3), cost=1))
+    job = Job((ItemType((6, 6, 6)), ItemType((12, 1, 1))), alike)
+    found = bounds(job)
+    assert found.reached_by(job, packed(1, left_out=(1,)))
+    assert not found.reached_by(job, packed(0, left_out=(1,)))  # of equal price, but larger
+    assert not found.reached_by(job, packed(left_out=(0, 1)))
+    # Eight boxes or one for the same price in sum.
+    bins = (BinType((1, 1, 1), cost=1), BinType((2, 2, 2), cost=8))
+    job = Job((ItemType((1, 1, 1), 8),), bins)
+    assert bounds(job).reached_by(job, packed(1))
+    assert not bounds(job).reached_by(job, packed(*[0] * 8))
+    free = Job(job.items, tuple(BinType(kind.size) for kind in bins))
+    assert bounds(free).reached_by(free, packed(1))
+    assert not bounds(free).reached_by(free, packed(0, 1))
+
+
+def test_the_gap_is_of_what_is_minimised():
+    items = (ItemType((5, 5, 5), 3), ItemType((20, 1, 1), 2))
+    free = Job(items, (BinType((5, 5, 5)), BinType((5, 5, 10))))
+    priced = Job(items, (BinType((5, 5, 5), cost=2), BinType((5, 5, 10), cost=3)))
+    for job, least in ((free, 2), (priced, 5)):
+        found = bounds(job)
+        assert (found.cost if job.priced else found.bins) == least
+        assert gap(job, PlanFigures(2, 1.0, 0.0, least, 2), found) == 0
+        assert gap(job, PlanFigures(2, 1.0, 0.0, least, 3), found) is None
+    assert gap(free, PlanFigures(3, 1.0, 0.0, 0.0, 2), bounds(free)) == 0.5
+    assert gap(priced, PlanFigures(3, 1.0, 0.0, 6.0, 2), bounds(priced)) == pytest.approx(0.2)
+    assert gap(priced, PlanFigures(2, 1.0, 0.0, 4.999999999, 2), bounds(priced)) == 0
+    nothing = Job(items, (BinType((5, 5, 5), cost=0),))
+    assert gap(nothing, PlanFigures(3, 1.0, 0.0, 0.0, 2), bounds(nothing)) == 0
+    assert gap(nothing, PlanFigures(3, 1.0, 0.0, 1.0, 2), bounds(nothing)) == math.inf
+
+
+@pytest.mark.parametrize("kinds", [1, 5, 60])
+@pytest.mark.parametrize("ways", [ANY, AS_GIVEN])
+def test_many_rows_take_no_time_and_no_room(ways, kinds):
+    """100,000 items in 4,000 rows of seven digits: 54 s and 2 GB it was."""
+    rng = random.Random(0)
+
+    def sides(most):
+        return tuple(rng.randint(10**6, most) / 1000 for _ in range(3))
+
+    items = tuple(
+        ItemType(sides(5 * 10**6), 25, rng.randint(1, 10**7) / 1000, ways) for _ in range(4000)
+    )
+    bins = (
+        BinType((9999.999 - 2 * n, 9999.999, 9999.999 - n), 100 + n, None, 99999.0)
+        for n in range(kinds)
+    )
+    job = Job(items, tuple(bins))
+    begun = time.thread_time()
+    found = bounds(job)
+    assert time.thread_time() - begun < 1
+    assert found.bins >= volume_bound(job) > 2000
+    tracemalloc.start()
+    bounds(job)
+    assert tracemalloc.get_traced_memory()[1] < 200 * 2**20
+    tracemalloc.stop()
+
+
+def test_a_bound_in_no_time_is_a_bound():
+    job = job_of((282, 222, 190), (213, 187, 180), (217, 170, 78), (129, 102, 71))
+    assert bounds(job, seconds=0).bins == 1
+    assert bounds(job, seconds=60) == bounds(job)
+
+
+def test_the_bound_of_what_a_plan_is_worth_is_exact():
+    """2^30 units a side: volumes are beyond whole floats and int64."""
+    side = 1073.741824
+    job = Job((ItemType((side, side, side), 3),), (BinType((side, side, side)),))
+    assert bounds(job).worth == plan_worth(job, packed(0, 0, 0))
+    assert bounds(job).worth[3] == 3 * Fraction("1073.741824") ** 3
