@@ -10,9 +10,11 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from jaxpack.loading.bounds import gap
+from jaxpack.loading.figures import minimised, plan_figures
 from jaxpack.loading.job import BinType, Job
 from jaxpack.loading.solver import Progress
-from jaxpack.solution import Solution, relative_gap
+from jaxpack.solution import Solution
 
 NAMED = 5  # of many things the first few are named
 
@@ -26,8 +28,8 @@ def live_figures(job: Job, found: Progress) -> str:
     if found.plan.left_out:  # the bound may be that of a larger load
         parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
     else:
-        gap = relative_gap(job, found.bins, found.cost, found.bounds)
-        parts.append(f"gap {_percent(gap)}")
+        above = gap(job, plan_figures(job, found.plan), found.bounds)
+        parts.append("gap unknown" if above is None else f"gap {_percent(above)}")
     return ", ".join(parts)
 
 
@@ -39,13 +41,15 @@ def figures_of_one(found: Solution) -> dict[str, str]:
         rows["weight"] = _number(figures.weight)
     if job.priced:
         rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
-    gap = "" if found.gap is None else f", gap {_percent(found.gap)}"
-    rows["lower bound"] = f"{counted(found.bound, 'bin')}{gap}"
+    above = "" if found.gap is None else f", gap {_percent(found.gap)}"
+    rows["lower bound"] = f"{counted(found.bound, 'bin')}{above}"
     rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
     rows["limited by"] = found.limited_by
     if figures.left_out:
         counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
+    if len(job.bins) > 1:
+        rows["minimised"] = minimised(job)
     if found.unpacked:
         rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
     if job.rounded:

@@ -1,6 +1,5 @@
 """From tables of items and bins to a checked plan: what `jaxpack.solve` does."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -10,12 +9,11 @@ from typing import Any
 from jaxpack.errors import UserError
 from jaxpack.files.jobs import job_from_columns, read_job
 from jaxpack.files.plans import write_certificate, write_plan_json, write_steps
-from jaxpack.loading.bounds import Bounds
+from jaxpack.loading.bounds import Bounds, gap
 from jaxpack.loading.figures import PlanFigures, plan_figures
 from jaxpack.loading.job import Job, Plan
 from jaxpack.loading.numbers import as_number, as_whole
 from jaxpack.loading.solver import End, Progress, SolveOptions, solve_job
-from jaxpack.loading.stock import fitting_ways
 from jaxpack.loading.units import fine_enough
 
 LARGEST_SEED = 2**32 - 1
@@ -36,7 +34,6 @@ class Solution:
     plan: Plan
     figures: PlanFigures  # bins, utilisation, weight, cost, left_out
     bounds: Bounds  # what no plan can do without
-    unpacked: int  # items that fit some bin, but of such bins there are too few
     seconds: float
     packings: int  # that were tried
     end: End  # what ended the search
@@ -57,9 +54,12 @@ class Solution:
 
         Of what is minimised: the cost where bins have one, otherwise their number.
         """
-        if self.unpacked:
-            return None
-        return relative_gap(self.job, self.figures.bins, self.figures.cost, self.bounds)
+        return gap(self.job, self.figures, self.bounds)
+
+    @property
+    def unpacked(self) -> int:
+        """How many items fit some bin and are left out: of such bins there are too few."""
+        return self.figures.left_out - self.bounds.unfit
 
     @property
     def limited_by(self) -> str:
@@ -175,28 +175,10 @@ def solution(job: Job, found: Progress) -> Solution:
         plan=found.plan,
         figures=plan_figures(job, found.plan),
         bounds=found.bounds,
-        unpacked=_unpacked(job, found.plan),
         seconds=found.seconds,
         packings=found.packings,
         end=found.end,
     )
-
-
-def relative_gap(job: Job, bins: int, cost: float, bounds: Bounds) -> float:
-    """What the bins, or their cost where they have one, are above the bound, as a share."""
-    if not job.priced:
-        return bins / max(bounds.bins, 1) - 1
-    if bounds.cost:
-        return max(cost / bounds.cost - 1, 0.0)
-    return math.inf if cost else 0.0
-
-
-def _unpacked(job: Job, plan: Plan) -> int:
-    """How many of the items that are left out fit some bin."""
-    if not plan.left_out:
-        return 0
-    ways = fitting_ways(job)
-    return sum(1 for item in plan.left_out if ways[item])
 
 
 def _job(items: Any, bins: Any, ignore: Sequence[str]) -> Job:

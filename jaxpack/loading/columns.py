@@ -50,7 +50,8 @@ def stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np
     for type_of_bin in dict.fromkeys(loading.bins[free].tolist()):
         slots = free[loading.bins[free] == type_of_bin]
         limit = int(stock.limit[slots[0]])
-        kind = _Kind(*stock.bins[slots[0]].tolist(), 2**62 if limit == no_limit else limit)
+        x, y, z = stock.bins[slots[0]].tolist()
+        kind = _Kind(x, y, z, 2**62 if limit == no_limit else limit)
         size = stock.sizes[waiting, genes.turn[waiting]]
         fits = (size <= kind[:3]).all(1) & (stock.weight[waiting] <= kind.limit)
         if not fits.any():

@@ -13,13 +13,12 @@ from jaxpack.loading.bounds import Bounds, bounds
 from jaxpack.loading.figures import plan_worth, total_cost
 from jaxpack.loading.job import Job, Plan
 from jaxpack.loading.quick import Best, quick_plan, search_quickly
-from jaxpack.loading.stock import Loading, Rules, compiles, lane_genes, load_job, plan_of
+from jaxpack.loading.stock import Genes, Loading, Rules, compiles, lane_genes, load_job, plan_of
 from jaxpack.loading.validate import check_plan
 
 TICK = 0.05  # seconds between looks at the clock
-FIRST = 0.5  # share of the time after which the first plan is ended in columns
 BOUNDING = 0.15  # share of the time that bounds may take
-CHECKING = 4  # times as long as to encode a job it takes to decode a plan and to check it
+CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it
 
 
 @dataclass(frozen=True)
@@ -90,20 +89,21 @@ def improve(
     """
     begun = perf_counter()
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-    checking = CHECKING * (perf_counter() - begun)
     record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
-    end = begun + options.time_limit - checking
+    sorting = perf_counter()
+    first = lane_genes(loading, options.seed, 0)
+    end = begun + options.time_limit - CHECKING * (perf_counter() - sorting)
 
     def late() -> bool:
         return perf_counter() > end or stop()
 
-    for found, tried in _searches(loading, options, begun, end, late, stop):
+    searches = _Searches(loading, options, end, late)
+    for found, tried in searches.run(first):
         if progress := record.with_one(found, tried):
             yield progress
             if progress.end:
                 return
-    searched = record.packings_compiled or not compiles(loading)
-    ended = End.INTERRUPT if stop() else End.TIME if searched else End.UNREADY
+    ended = End.INTERRUPT if stop() else End.TIME if searches.ready else End.UNREADY
     yield record.progress(ended)
 
 
@@ -112,9 +112,8 @@ class _Record:
 
     def __init__(self, loading: Loading, bounds: Bounds, begun: float) -> None:
         self.loading, self.bounds, self.begun = loading, bounds, begun
-        self.packings = self.packings_compiled = 0
-        self.cost, self.worth = inf, (inf,)
-        self.plan = Plan(())
+        self.packings, self.cost = 0, inf
+        self.plan: Plan | None = None
 
     def with_one(self, found: Best | None, tried: int) -> Progress | None:
         """With one packing more: the progress it is, None if it is none."""
@@ -126,72 +125,66 @@ class _Record:
         types = cheapest_types(loading, genes.turn, found.bin, found.corner)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
         worth = plan_worth(loading.job, plan)
-        if worth >= self.worth:
+        if self.plan and worth >= plan_worth(loading.job, self.plan):
             return None
         check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
-        self.plan, self.worth = plan, worth
-        return self.progress(End.BOUND if self._at_bound() else None)
+        self.plan = plan
+        reached = self.bounds.reached_by(loading.job, plan)
+        return self.progress(End.BOUND if reached else None)
 
     def progress(self, end: End | None) -> Progress:
         """What there is now."""
         job, plan, seconds = self.loading.job, self.plan, perf_counter() - self.begun
+        assert plan, "the first packing is one"
         cost = total_cost(job, plan)
         return Progress(plan, len(plan.bins), cost, self.bounds, seconds, self.packings, end)
 
-    def _at_bound(self) -> bool:
-        return self.bounds.reached_by(self.loading.job, self.plan)
 
+class _Searches:
+    """The search in NumPy, and the compiled one once it is ready."""
 
-def _searches(
-    loading: Loading,
-    options: SolveOptions,
-    begun: float,
-    end: float,
-    late: Callable[[], bool],
-    stop: Callable[[], bool],
-) -> Iterator[tuple[Best | None, int]]:
-    """(a packing or None, packings tried since), until it is late: first of all one at once."""
-    first_end = begun + FIRST * (end - begun)
-    genes = lane_genes(loading, options.seed, 0)
-    best = quick_plan(loading, genes, lambda: perf_counter() > first_end or stop())
-    yield best, 1
-    if not compiles(loading):
-        for found in search_quickly(loading, options.seed, best, late):
+    def __init__(
+        self,
+        loading: Loading,
+        options: SolveOptions,
+        end: float,
+        late: Callable[[], bool],
+    ) -> None:
+        self.loading, self.options = loading, options
+        self.end, self.late = end, late
+        self.ready = not compiles(loading)  # whether all that there is has searched
+
+    def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
+        """(a packing or None, packings tried since), until it is late: at once one of `first`."""
+        best = quick_plan(self.loading, first, self.late)
+        yield best, 1
+        if self.ready:
+            yield from self._quickly(best, self.late)
+            return
+        process = borrow()
+        try:
+            yield from self._beside(process, best)
+        finally:
+            give_back(process)
+
+    def _quickly(self, best: Best, stop: Callable[[], bool]) -> Iterator[tuple[Best | None, int]]:
+        for found in search_quickly(self.loading, self.options.seed, best, stop):
             yield found, int(found is not None)
-        return
-    process = borrow()
-    try:
-        yield from _beside(process, loading, options, end, best, late)
-    finally:
-        give_back(process)
 
-
-def _beside(
-    process: SearchProcess,
-    loading: Loading,
-    options: SolveOptions,
-    end: float,
-    best: Best,
-    late: Callable[[], bool],
-) -> Iterator[tuple[Best | None, int]]:
-    """Packings of the search in NumPy until the compiled one is ready, of that one from then on."""
-    policy = f"bin-aware-{loading.job.dimension}d-turned" if options.policy else ""
-    process.ask(loading, options.seed, end - perf_counter(), best.genes, policy)
-    waiting = search_quickly(
-        loading, options.seed, best, lambda: late() or (process.ready and process.alive)
-    )
-    for found in waiting:
-        if found is not None:
-            yield found, 1
-    while not late():
-        reply = process.next(min(TICK, end - perf_counter()))
-        if isinstance(reply, int):
-            yield None, reply
-        elif reply is not None:
-            yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
-        elif not process.alive:  # it ran out of memory, or somebody ended it
-            for found in search_quickly(loading, options.seed + 1, best, late):
-                yield found, int(found is not None)
+    def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
+        policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
+        left = self.end - perf_counter()
+        process.ask(self.loading, self.options.seed, left, best.genes, policy)
+        yield from self._quickly(best, lambda: self.late() or process.ready)
+        while not self.late():
+            reply = process.next(min(TICK, self.end - perf_counter()))
+            if isinstance(reply, int):
+                yield None, reply
+            elif reply is not None:
+                self.ready = True
+                yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
+            elif not process.alive:  # it ran out of memory, or somebody ended it
+                yield from self._quickly(best, self.late)
 
 
 def cheapest_types(
