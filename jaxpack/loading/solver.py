@@ -158,7 +158,7 @@ class _Searches:
         """(a packing or None, packings tried since), until it is late: at once one of `first`."""
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
-        if self.ready:
+        if self.ready or self.late():
             yield from self._quickly(best, self.late)
             return
         process = borrow()
