@@ -1,16 +1,33 @@
 """The independent check of a plan: it accepts what the rules allow and names what they do not."""
 
+import itertools
 import math
+import time
+import tracemalloc
+from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from plain_check import plain_check
 
 from jaxpack.errors import UserError
 from jaxpack.loading.figures import PlanFigures, fill, plan_figures, total_cost
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.loading.job import (
+    FLAT_TURNED,
+    ORIENTATIONS,
+    BinType,
+    ItemType,
+    Job,
+    PackedBin,
+    Placement,
+    Plan,
+)
 from jaxpack.loading.validate import InvalidPlanError, check_plan, plan_violations
 from jaxpack.loading.violations import sentence
+from jaxpack.packing.check import Rule
+from jaxpack.packing.pairs import best, pairs, tree_of
 
 # A plan by hand in steps of 0.1, a side view along x with z upwards:
 #
@@ -325,6 +342,206 @@ def test_against_a_height_map():
         assert (not found(plan, job, support=0.3, inclusive=True)) == valid, (sizes, places)
         verdicts.append(valid)
     assert 0.2 < np.mean(verdicts) < 0.8
+
+
+def as_plain(violation):
+    """A record in the form of the plain check."""
+    rule, bin, item, turn, other, what, found, allowed, amount = violation
+    if rule is Rule.UNKNOWN:
+        return tuple(value for value in (rule, bin, turn) if value is not None)
+    if rule is Rule.WEIGHT:
+        return rule, bin, found, allowed
+    rest = {
+        Rule.COPIES: (found, allowed),
+        Rule.COUNT: (amount,),
+        Rule.OUTSIDE: (what,),
+        Rule.OVERLAP: (other,),
+        Rule.BLOCKED: (other,),
+        Rule.FLOATING: (allowed,),
+        Rule.SUPPORT: (found,),
+    }
+    return rule, bin, item, turn, *rest.get(rule, ())
+
+
+def random_plan(random, flat, step, faults):
+    """(job, plan): small whole sides times `step`, each item dropped at a random place.
+
+    Args:
+        random: a generator.
+        flat: two-dimensional.
+        step: the job's lengths are multiples of it.
+        faults: how likely one item is shifted, turned, lifted, left out or put twice.
+    """
+    room = np.array([5, 1 if flat else 4, 7])
+    axes = (0, 2) if flat else (0, 1, 2)
+    scale = np.where(np.isin(range(3), axes), step, 1.0)
+    sizes = random.integers(1, [4, 2 if flat else 4, 4], (int(random.integers(1, 12)), 3))
+    ways = FLAT_TURNED if flat else tuple(ORIENTATIONS)
+    items = tuple(
+        ItemType(
+            tuple((size * scale).tolist()),
+            copies=int(random.integers(1, 3)),
+            weight=float(random.integers(0, 4)) / 10,
+            orientations=tuple(random.choice(ways, random.integers(1, len(ways)), replace=False)),
+        )
+        for size in sizes
+    )
+    sides = tuple((room * scale).tolist())
+    limit = math.inf if random.random() < 0.5 else 0.6
+    grain = float(f"{step / 1000:.3g}")
+    speck = ItemType((grain, 1 if flat else grain, grain), copies=0)  # makes the unit a fine one
+    job = Job(
+        (*items, speck),
+        (BinType(sides, max_weight=limit, copies=2), BinType(sides)),
+        2 + (not flat),
+    )
+    copies = [index for index, item in enumerate(items) for _ in range(item.copies)]
+    random.shuffle(copies)
+    bins, left = [], []
+    while copies:
+        load = [copies.pop() for _ in range(min(len(copies), int(random.integers(1, 9))))]
+        tops, puts = np.zeros(room[:2], int), []
+        for item in load:
+            if random.random() < faults / 3:
+                left.append(item)
+                continue
+            allowed = items[item].orientations if random.random() > faults / 3 else ways
+            way = str(random.choice(allowed))
+            sides = sizes[item][list(ORIENTATIONS[way])]
+            if (sides[:2] > room[:2]).any():
+                left.append(item)
+                continue
+            x, y = random.integers(0, room[:2] - sides[:2] + 1)
+            under = tops[x : x + sides[0], y : y + sides[1]]
+            corner = np.array([x, y, under.max()], float)
+            if random.random() < faults:
+                corner[random.choice(axes)] += random.choice([-1, 1, 0.5, 1e-3, 1 / 3, -1e-9, 1e12])
+            under[:] = corner[2] + sides[2]
+            noise = 1 + random.integers(-2, 3, 3) * 2.0**-52
+            puts.append(Placement(item, way, tuple((corner * scale * noise).tolist())))
+        if random.random() < faults / 2:
+            random.shuffle(puts)
+        if random.random() < faults / 4 and puts:
+            puts.append(puts[0])
+        bins.append(PackedBin(int(random.integers(0, 2)), tuple(puts)))
+    return job, Plan(tuple(bins), tuple(left))
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("step", [1.0, 0.1, 100.0, 123.457, 1e5, 1e-6])
+@pytest.mark.parametrize("faults", [0.02, 0.3])
+def test_it_finds_what_a_plain_check_finds(flat, step, faults):
+    """On all rules; between the units of a large bin numbers are beyond 64 bits."""
+    random, rules, valid = np.random.default_rng(7), Counter(), 0
+    for _ in range(60):
+        job, plan = random_plan(random, flat, step, faults)
+        share, inclusive = random.choice([0, 1 / 3, 0.5, 0.75, 1]), bool(random.integers(2))
+        records = list(plan_violations(job, plan, share, inclusive))
+        wanted = plain_check(job, plan, Fraction(share).limit_denominator(100), inclusive)
+        assert sorted(map(as_plain, records), key=repr) == wanted, (job, plan, share, inclusive)
+        rules.update(record.rule for record in records)
+        valid += not records
+    if faults < 0.1:
+        assert valid > 5
+    else:
+        usual = {
+            Rule.COUNT,
+            Rule.COPIES,
+            Rule.WEIGHT,
+            Rule.OUTSIDE,
+            Rule.OVERLAP,
+            Rule.BLOCKED,
+            Rule.FLOATING,
+            Rule.SUPPORT,
+        }
+        assert set(rules) >= usual, rules
+
+
+@pytest.mark.parametrize("count", [1, 2, 63, 64, 65, 700])
+def test_pairs_are_those_of_a_table(count):
+    """Of any columns in any order, in blocks or not."""
+    random = np.random.default_rng(count)
+    asked, given = random.integers(0, 9, (2, 3, count)).astype(np.int32)
+    less = (asked[:, :, None] < given[:, None]).all(0)
+    tree = tree_of(given, random.permutation(count))
+    blocks = list(pairs(asked, tree))
+    found = np.zeros_like(less)
+    for rows, others in blocks:
+        assert not found[rows, others].any(), "a pair is there once"
+        found[rows, others] = True
+    assert (found == less).all()
+    first = best(asked, tree, 1)
+    for row, other in enumerate(first):
+        most = given[1][less[row]].max(initial=-1)
+        assert (other < 0) == (most < 0)
+        assert other < 0 or (less[row, other] and given[1, other] == most)
+
+
+def column(count, order=range):
+    """A stack of `count` sheets."""
+    job = Job((ItemType((10, 10, 1), count),), (BinType((10, 10, count)),))
+    places = tuple(Placement(0, "XYZ", (0, 0, z)) for z in order(count))
+    return job, Plan((PackedBin(0, places),))
+
+
+def cubes(edge, bins=1):
+    """Full bins of `edge` cubes each way."""
+    job = Job((ItemType((10, 10, 10), edge**3 * bins),), (BinType((edge * 10,) * 3),))
+    corners = itertools.product(range(0, edge * 10, 10), repeat=3)
+    places = tuple(Placement(0, "XYZ", (x, y, z)) for z, y, x in corners)
+    return job, Plan((PackedBin(0, places),) * bins)
+
+
+def heap(count):
+    """Everything in one place."""
+    job, plan = column(count)
+    places = tuple(replace(put, corner=(0, 0, 0)) for put in plan.bins[0].placements)
+    return job, Plan((PackedBin(0, places),))
+
+
+def fine(count):
+    """Sides of up to 2**30 units, each item on the floor of a row of its own."""
+    random = np.random.default_rng(0)
+    sides = np.round(random.uniform(100, 200, (count, 3)), 3)
+    items = tuple(ItemType(tuple(side)) for side in sides.tolist())
+    ends = np.cumsum(sides[:, 0])
+    places = tuple(
+        Placement(item, "XYZ", (x, 0, 0)) for item, x in enumerate([0.0, *ends[:-1].tolist()])
+    )
+    return Job(items, (BinType((1e6, 1e6, 1e6)),)), Plan((PackedBin(0, places),))
+
+
+LARGE = {
+    "cubes": (lambda: cubes(27), {}, 1),
+    "a column": (lambda: column(20_000), {}, 1),
+    "small bins": (lambda: cubes(2, 3000), {}, 0.5),
+    "fine": (lambda: fine(3000), {}, 0.3),
+    "a heap": (lambda: heap(20_000), {Rule.OVERLAP: 19_999}, 4),
+    "backwards": (
+        lambda: column(20_000, lambda n: reversed(range(n))),
+        {Rule.BLOCKED: 19_999, Rule.FLOATING: 1},
+        4,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_large_plans_take_a_moment_and_little_memory(name):
+    make, wanted, seconds = LARGE[name]
+    job, plan = make()
+    times = []
+    for _ in range(3):  # of the processor, on a machine with other work
+        begun = time.process_time()
+        rules = Counter(violation.rule for violation in plan_violations(job, plan))
+        times.append(time.process_time() - begun)
+    assert rules == wanted
+    assert min(times) < seconds
+    tracemalloc.start()
+    try:
+        assert bool(list(plan_violations(job, plan))) == bool(wanted)
+        assert tracemalloc.get_traced_memory()[1] < 200e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_two_dimensions():

@@ -8,7 +8,7 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate", "solve"}
+DOORS = {"train", "evaluate", "solve", "check"}
 ROOMS = {"packing", "solvers", "learning", "loading", "files"}
 TOP = {"methods", "comparison", "tables", "plan_tables", "training", "solution", "cli"}
 BASE = {"errors", "devices"}

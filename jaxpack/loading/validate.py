@@ -245,7 +245,7 @@ def _whole(lengths: np.ndarray, unit: Fraction, longest: np.ndarray) -> tuple[np
         return whole, unit
     sides = np.broadcast_to(longest, lengths.shape)[~near].tolist()
     between = list(zip(lengths[~near].tolist(), sides, strict=True))
-    known = {(length, side): _shown(length, side) / unit for length, side in set(between)}
+    known = {(length, side): _meant(length, unit, side) / unit for length, side in set(between)}
     finer = math.lcm(*(ratio.denominator for ratio in known.values()))
     exactly = whole.astype(object) * finer
     exactly[~near] = [int(known[key] * finer) for key in between]
@@ -253,8 +253,12 @@ def _whole(lengths: np.ndarray, unit: Fraction, longest: np.ndarray) -> tuple[np
     return exactly.astype(np.int64) if small else exactly, unit / finer
 
 
-def _shown(length: float, side: float) -> Fraction:
-    """A length to the decimal that is the side's 13th digit."""
+def _meant(length: float, unit: Fraction, side: float) -> Fraction:
+    """The multiple of the unit that is near, or the decimal up to the side's 13th digit."""
+    exactly = Fraction(length)
+    multiple = round(exactly / unit) * unit
+    if abs(exactly - multiple) < Fraction(side) * Fraction(NOISE):
+        return multiple
     exponent = int(f"{side:.12e}".split("e")[1])
     grain = Fraction(10) ** (exponent + 1 - DIGITS)
-    return round(Fraction(length) / grain) * grain
+    return round(exactly / grain) * grain

@@ -1,0 +1,181 @@
+"""`python -m jaxpack.check`: is a plan, of whomever, possible? Its violations, or one line."""
+
+import math
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from tyro.conf import FlagCreatePairsOff, Positional
+
+from jaxpack.cli import parse_options, run_door
+from jaxpack.errors import UserError
+from jaxpack.files.atomic import check_writable
+from jaxpack.files.jobs import read_job
+from jaxpack.files.packing_plans import is_packing_plans, read_packing_plans
+from jaxpack.files.plans import read_certificate, read_plan_json
+from jaxpack.files.tables import write_table
+from jaxpack.files.texts import json_line, json_lines, write_text
+from jaxpack.loading.job import MOST_ITEMS, Job, Plan
+from jaxpack.loading.validate import plan_violations
+from jaxpack.loading.violations import Violation, sentence
+from jaxpack.packing.check import share_of
+from jaxpack.plan_tables import NAMED, counted, say
+
+SHOWN = 20  # violations on the terminal
+SUFFIXES = (".csv", ".json")
+
+
+@dataclass(frozen=True)
+class CommandOptions:
+    """Check a loading plan: exit code 0 if it is valid, 1 if it breaks a rule."""
+
+    plan: Positional[Path]
+    """The plan: .json as `solve` writes it or as BED-BPP has it, or PackingSolver's certificate,
+    .csv."""
+    items: Positional[Path]
+    """The items: .csv, .ins2D, or the orders of BED-BPP, .json."""
+    bins: Positional[Path | None] = None
+    """The bins, .csv. Files .ins2D and .json have bins of their own, which these replace."""
+    support: float = 0.5
+    """More than this share of an item's base has to lie on what is under it, 0 to 1."""
+    support_inclusive: FlagCreatePairsOff[bool] = False
+    """Exactly that share is enough."""
+    order: str | None = None
+    """Of several orders the one that the plan is of. BED-BPP's packing plans are of all of them."""
+    out: Path | None = None
+    """Write the violations, a record for each: .csv or .json."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the check says of one plan."""
+
+    job: Job
+    plan: Plan
+    violations: tuple[Violation, ...]
+
+    def line(self) -> str:
+        """What a valid plan amounts to."""
+        job, plan = self.job, self.plan
+        loaded = [put.item for packed in plan.bins for put in packed.placements]
+        room = sum(math.prod(job.bins[packed.bin].size) for packed in plan.bins)
+        parts = [counted(len(plan.bins), "bin"), counted(len(loaded), "item")]
+        if room:
+            share = sum(math.prod(job.items[item].size) for item in loaded) / room
+            parts.append(f"fill {share * 100:.1f} %")
+        if plan.left_out:
+            parts.append(f"{counted(len(plan.left_out), 'item')} left out")
+        return f"valid: {', '.join(parts)}"
+
+
+def read_plans(options: CommandOptions) -> list[tuple[Job, Plan]]:
+    """The plan with its job, or of BED-BPP's packing plans all of them.
+
+    Raises:
+        UserError: naming the file and what is wrong in it.
+    """
+    jobs = read_job(options.items, options.bins)
+    if options.order is not None:
+        jobs = [_named(jobs, options.order, options.items)]
+    kind = options.plan.suffix.lower()
+    if kind not in SUFFIXES:
+        raise UserError(f"{options.plan}: plans '{kind}' are not known: give .csv or .json")
+    if kind == ".json" and is_packing_plans(options.plan):
+        plans = read_packing_plans(options.plan, jobs)
+    elif len(jobs) > 1:
+        what = f"{options.items}: {len(jobs)} orders, and a plan of one"
+        raise UserError(f"{what}: say which with --order")
+    else:
+        read = read_certificate if kind == ".csv" else read_plan_json
+        plans = [(jobs[0], read(options.plan, jobs[0]))]
+    for _, plan in plans:
+        loaded = sum(len(packed.placements) for packed in plan.bins)
+        if loaded > MOST_ITEMS:
+            what = f"{loaded:,} items, a job has at most {MOST_ITEMS:,}"
+            raise UserError(f"{options.plan}: {what}: is it of another job?")
+    return plans
+
+
+def _named(jobs: Sequence[Job], order: str, source: Path) -> Job:
+    for job in jobs:
+        if job.name == order:
+            return job
+    there = ", ".join(job.name for job in jobs[:NAMED])
+    more = f" and {len(jobs) - NAMED} more" if len(jobs) > NAMED else ""
+    raise UserError(f"--order '{order}': {source} has {there}{more}")
+
+
+def check_output(options: CommandOptions) -> None:
+    """Raises UserError where the records cannot be written, or would take a file's place."""
+    path = options.out
+    if path is None:
+        return
+    if path.suffix.lower() not in SUFFIXES:
+        raise UserError(f"--out {path}: end it with {' or '.join(SUFFIXES)}")
+    try:
+        check_writable(path)
+    except UserError as error:
+        raise UserError(f"--out {error}") from None
+    if path.resolve() in {p.resolve() for p in (options.plan, options.items, options.bins) if p}:
+        raise UserError(f"--out {path}: it is read; name another")
+
+
+def write_records(path: Path, verdicts: Iterable[Verdict]) -> None:
+    """Writes a record per violation: its order, its fields and the sentence.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    records = [
+        {"order": verdict.job.name, **one._asdict(), "sentence": sentence(one)}
+        for verdict in verdicts
+        for one in verdict.violations
+    ]
+    if path.suffix.lower() == ".json":
+        write_text(path, f"{json_lines(map(json_line, records), ' ')}\n")
+        return
+    header = ("order", *Violation._fields, "sentence")
+    write_table(path, [[name.upper() for name in header], *(list(r.values()) for r in records)])
+
+
+def _lines(verdicts: Sequence[Verdict]) -> Iterator[str]:
+    """What is said of each, with the order's name where there are several."""
+    for verdict in verdicts:
+        order = f"{verdict.job.name}: " if len(verdicts) > 1 else ""
+        if not verdict.violations:
+            yield f"{order}{verdict.line()}"
+        for violation in verdict.violations[:SHOWN]:
+            yield f"{order}{sentence(violation, verdict.job)}"
+        if (more := len(verdict.violations) - SHOWN) > 0:
+            yield f"{order}and {counted(more, 'violation')} more"
+
+
+def main(argv: Sequence[str]) -> None:
+    """Reads, checks, writes, prints; exits 1 if a rule is broken."""
+    options = parse_options(CommandOptions, "check", argv)
+    try:
+        share_of(options.support)
+    except UserError as error:
+        raise UserError(f"--{error}") from None
+    check_output(options)
+    verdicts = [
+        Verdict(
+            job,
+            plan,
+            tuple(plan_violations(job, plan, options.support, options.support_inclusive)),
+        )
+        for job, plan in read_plans(options)
+    ]
+    console = Console(highlight=False)
+    for line in _lines(verdicts):
+        say(console, line)
+    if options.out is not None:
+        write_records(options.out, verdicts)
+    if any(verdict.violations for verdict in verdicts):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    run_door(main)
