@@ -71,7 +71,8 @@ def read_job(
     kind = items.suffix.lower()
     if kind in TABLES:
         if bins is None:
-            raise fault(items, "a table of items needs one of bins too: give both")
+            what = f"a {kind[1:].upper()} file of items needs one of bins too"
+            raise fault(items, f"{what}: give both")
         return [_job(read_table(items, say), read_table(bins, say), items.stem, reading)]
     if kind not in (".ins2d", ".json"):
         raise fault(items, f"files '{kind}' are not known: give .csv, .xlsx, .ins2D or .json")

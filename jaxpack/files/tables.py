@@ -171,9 +171,11 @@ def write_table(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 
 def _inert(cell: object) -> object:
-    if isinstance(cell, str) and (cell.startswith(FORMULA) or cell.lstrip().startswith(FORMULA)):
-        return f"'{cell}"
-    return cell
+    if not isinstance(cell, str):
+        return cell
+    run = cell.startswith(FORMULA) or cell.lstrip().startswith(FORMULA)
+    text = cell.replace("\r", " ")  # which readers take for the end of a row, in quotes or not
+    return f"'{text}" if run else text
 
 
 def table_from_columns(data: Any, source: str) -> Table:

@@ -2,16 +2,14 @@
 
 import math
 from collections.abc import Iterable
-from fractions import Fraction
 
-from jaxpack.loading.exact import exact
 from jaxpack.loading.job import FLAT_TURNED, ORIENTATIONS, BinType, ItemType, Job
 
 FACTORS = {  # between two units of length -> which they may be
-    Fraction(10): ("mm", "cm"),
-    Fraction(254, 10): ("mm", "inches"),
-    Fraction(100): ("cm", "m"),
-    Fraction(1000): ("mm", "m"),
+    10.0: ("mm", "cm"),
+    25.4: ("mm", "inches"),
+    100.0: ("cm", "m"),
+    1000.0: ("mm", "m"),
 }
 TINY = 0.01  # of one bin: less than that all items together seldom fill
 
@@ -25,6 +23,8 @@ def unfit_hint(job: Job, item: int) -> str:
     """
     kind = job.items[item]
     bins = [one for one in job.bins if one.copies != 0]
+    if not bins:
+        return "give bins that there are: the COPIES of all are 0"
     able = [one for one in bins if kind.weight <= one.max_weight]
     if not any(_fits(kind, way, bins) for way in kind.orientations):
         if able:
@@ -48,15 +48,15 @@ def scale_hint(job: Job) -> str | None:
     bins = [one for one in job.bins if one.copies != 0]
     if not items or not bins:
         return None
-    if not any(_scaled_fits(job, item, bins, Fraction(1)) for item in items):
+    if not any(_scaled_fits(job, item, bins, 1.0) for item in items):
         for factor, (small, large) in FACTORS.items():
             if all(_scaled_fits(job, item, bins, 1 / factor) for item in items):
-                what = f"all items are too large, and would fit {float(factor):g} times smaller"
+                what = f"all items are too large, and would fit {factor:g} times smaller"
                 return f"{what}: are they in {small} and the bins in {large}?"
         return None
     least = min(math.prod(one.size) for one in bins)
     share = math.fsum(item.copies * math.prod(item.size) for item in items) / least
-    if share >= TINY or not all(_scaled_fits(job, item, bins, Fraction(10)) for item in items):
+    if share >= TINY or not all(_scaled_fits(job, item, bins, 10.0) for item in items):
         return None
     what = f"all items together fill {100 * share:.2g} % of a bin"
     return f"{what}: are they in cm and the bins in mm?"
@@ -67,8 +67,8 @@ def _fits(item: ItemType, way: str, bins: Iterable[BinType]) -> bool:
     return any(all(a <= b for a, b in zip(extent, one.size, strict=True)) for one in bins)
 
 
-def _scaled_fits(job: Job, item: ItemType, bins: Iterable[BinType], factor: Fraction) -> bool:
+def _scaled_fits(job: Job, item: ItemType, bins: Iterable[BinType], factor: float) -> bool:
     """Whether some bin holds it, turned anyhow, when its sides are times that factor."""
-    sides = sorted(exact(item.size[axis]) * factor for axis in job.axes)
-    rooms = (sorted(exact(one.size[axis]) for axis in job.axes) for one in bins)
+    sides = sorted(item.size[axis] * factor * (1 - 1e-12) for axis in job.axes)
+    rooms = (sorted(one.size[axis] for axis in job.axes) for one in bins)
     return any(all(a <= b for a, b in zip(sides, room, strict=True)) for room in rooms)
