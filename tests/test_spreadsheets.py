@@ -60,7 +60,7 @@ NUMBERS = [  # the cells of one column, between semicolons, and what they are
 @pytest.mark.parametrize(("cells", "numbers"), NUMBERS, ids=[" ".join(c) for c, _ in NUMBERS])
 def test_numbers_of_one_meaning(tmp_path, cells, numbers):
     items = "X;Y;Z\n" + "".join(f"{cell};1;1\n" for cell in cells)
-    (job,) = read(tmp_path, items, "X,Y,Z\n10000000,9,9\n")
+    (job,) = read(tmp_path, items, f"X,Y,Z\n{max(numbers)},9,9\n")
     assert [item.size[0] for item in job.items] == numbers
 
 

@@ -222,9 +222,10 @@ def _check_misnamed(table: Table, name: str, kind: Kind, dimension: int) -> None
         meant = bare
     elif bare in kind.meant:
         meant = kind.meant[bare]
-    elif _SIDE.fullmatch(name) or not (close := difflib.get_close_matches(bare, known, 1, 0.8)):
-        return
     else:
+        close = difflib.get_close_matches(bare, known, 1, 0.8) if len(bare) < 30 else []
+        if not close or _SIDE.fullmatch(name):
+            return
         meant = close[0]
     if meant not in table.columns:
         advice = f"rename it, or leave it out of account with --ignore {show(name)}"

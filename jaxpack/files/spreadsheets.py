@@ -49,14 +49,15 @@ def read_table(path: Path, say: Say = silent) -> Table:
     header = ""
     lines: list[tuple[int, Sequence[Any]]] = []
     for number, cells in rows:
-        if not any(_filled(cell) for cell in cells):
+        if not any(map(_filled, cells)):
             continue
-        where = f"{path}: row {number}"
         if not header:
-            names = ["" if cell is None else cell for cell in cells]
-            header, columns = where, checked_columns(where, names)
+            header = f"{path}: row {number}"
+            columns = checked_columns(header, ["" if cell is None else cell for cell in cells])
             continue
-        lines.append((number, _fitted(where, cells, len(columns))))
+        if len(cells) != len(columns):
+            cells = _fitted(path, number, cells, len(columns))
+        lines.append((number, cells))
         if len(lines) > MOST_ROWS:
             raise fault(path, f"more than {MOST_ROWS:,} rows: split it")
     if not header:
@@ -70,11 +71,16 @@ def _filled(cell: object) -> bool:
     return bool(cell.strip()) if isinstance(cell, str) else cell is not None
 
 
-def _fitted(where: str, cells: Sequence[Any], count: int) -> Sequence[Any]:
-    """A row with a cell for every column."""
-    if any(_filled(cell) for cell in cells[count:]):
+def _fitted(path: Path, row: int, cells: Sequence[Any], count: int) -> Sequence[Any]:
+    """The cells of a row, one for every column."""
+    if any(map(_filled, cells[count:])):
         much = f"{len(cells)} fields, the header has {count}"
-        raise fault(where, much, "give every row as many, and quote fields that hold a separator")
+        raise fault(
+            path,
+            f"row {row}",
+            much,
+            "give every row as many, and quote fields that hold a separator",
+        )
     return [*cells[:count], *[None] * (count - len(cells))]
 
 
@@ -160,22 +166,27 @@ def plain_numbers(table: Table, columns: Iterable[str], say: Say = silent) -> Ta
         UserError: naming the cell that has two, and both.
     """
     places = [place for place, name in enumerate(table.columns) if name in set(columns)]
-    marks: set[str] = set()
-    for _, cells in table.lines:
+    known: dict[object, dict[str, str]] = {}  # what each text means: many are there often
+    found = []
+    for line, (_, cells) in enumerate(table.lines):
         for place in places:
-            found = _meanings(cells[place])
-            if len(found) == 1:
-                marks |= set(found)
-    if not table.local and "," not in marks:
+            cell = cells[place]
+            if isinstance(cell, str) and ("," in cell or "." in cell):
+                if (meanings := known.get(cell)) is None:
+                    meanings = known[cell] = _meanings(cell.strip())
+                if meanings:
+                    found.append((line, place, meanings))
+    marks = {mark for meanings in known.values() if len(meanings) == 1 for mark in meanings}
+    points = any(len(meanings) == 2 and "." in meanings["."] for meanings in known.values())
+    if points and not table.local and "," not in marks:
         marks.add(".")  # as everywhere in files with commas between the fields
-    lines = []
-    for row, cells in table.lines:
-        changed = list(cells)
-        for place in places:
-            if found := _meanings(cells[place]):
-                where = f"{table.source}: row {row}, column {table.columns[place]}"
-                changed[place] = _chosen(where, cells[place], found, marks)
-        lines.append((row, changed))
+    lines = list(table.lines)
+    for line, place, meanings in found:
+        row, cells = lines[line]
+        where = f"{table.source}: row {row}, column {table.columns[place]}"
+        plain = _chosen(where, cells[place], meanings, marks)
+        if plain != cells[place]:
+            lines[line] = row, [*cells[:place], plain, *cells[place + 1 :]]
     if "," in marks:
         say(note(table.source, "read with decimal commas"))
     return replace(table, lines=lines)
@@ -190,11 +201,8 @@ def _chosen(where: str, text: str, found: dict[str, str], marks: set[str]) -> st
     raise fault(where, f"{show(text)} may be {first} or {second}", "write the one that is meant")
 
 
-def _meanings(cell: object) -> dict[str, str]:
+def _meanings(text: str) -> dict[str, str]:
     """What marks the decimals -> the number, of a text with a comma or a point in it."""
-    if not isinstance(cell, str) or not ("," in cell or "." in cell):
-        return {}
-    text = cell.strip()
     if len(text) > 40 or not any(c.isdigit() for c in text):
         return {}
     found = {}

@@ -21,7 +21,7 @@ MOST_ROWS = 250_000
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "＝", "＋", "－", "＠")
 """What a text in a cell begins with that a spreadsheet would run."""
 
-_FLAGS = {"TRUE": True, "FALSE": False}  # as spreadsheets write them
+_FLAGS = {"1": True, "0": False, "TRUE": True, "FALSE": False}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,10 @@ class Row:
         """What the cell holds; None if it is empty, or there is no such column."""
         place = self.places.get(column)
         value = None if place is None else self.cells[place]
-        if isinstance(value, np.floating) and value.itemsize < 8:
-            value = value.item() if np.isnan(value) else str(value)  # its own few digits
+        if isinstance(value, str):
+            return value if value.strip() else None
+        if isinstance(value, np.floating) and value.itemsize < 8 and np.isfinite(value):
+            return str(value)  # its own few digits
         return None if _empty(value) else value
 
     def has(self, column: str) -> bool:
@@ -104,7 +106,7 @@ class Row:
 
 def _empty(value: object) -> bool:
     """Whether a cell holds nothing: NaN and NA are how data frames leave it so."""
-    if value is None or (isinstance(value, str) and not value.strip()):
+    if value is None:
         return True
     if isinstance(value, Decimal):
         return value.is_nan()
