@@ -212,7 +212,7 @@ def _check_misnamed(table: Table, name: str, kind: Kind, dimension: int) -> None
         return
     flags = kind.flags[dimension]
     of_other = kind.flags[5 - dimension]
-    if flags and (name in of_other or name.startswith("ROTATION")):  # to ignore it would forbid
+    if flags and (name in of_other or name.startswith("ROTAT")):  # to ignore it would forbid
         place = f" in {dimension}D" if name in of_other else ""  # what it allows
         raise fault(table.header, f"column {name} is not known{place}", f"use {', '.join(flags)}")
     word = re.sub(r"[^A-Z0-9]+", "_", name).strip("_")
