@@ -1,137 +1,176 @@
-"""Jobs from files: PackingSolver's CSV, 2DPackLib's .ins2D and BED-BPP's JSON orders.
+"""Jobs from files: tables with PackingSolver's columns, 2DPackLib's .ins2D, BED-BPP's orders.
 
-A CSV file has a header with its columns in any order; others are ignored, capitals or not.
+A table has a header with its columns in any order, capitals or not.
 
     2D items   WIDTH, HEIGHT [, COPIES, WEIGHT, ORIENTED, NAME or ID]
     2D bins    WIDTH, HEIGHT [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
     3D items   X, Y, Z [, COPIES, WEIGHT, ROTATION_XYZ, ..., ROTATION_ZXY, NAME or ID]
     3D bins    X, Y, Z [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
 
-Items have 1 copy and weigh nothing if not said. In 2D ORIENTED 0 lets an item be turned by a
-quarter; without that column items may not be turned, as in the standard instances (PackingSolver
-itself turns them then). In 3D items may be turned as the ROTATION columns with 1 say, without any
-not at all. For bins -1 or no column is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none.
+An empty cell is as no column. Items have 1 copy then and weigh nothing. In 2D ORIENTED 0 lets an
+item be turned by a quarter; without that items may not be turned, as in the standard instances. In
+3D items may be turned as the ROTATION columns with 1 say, without any not at all. For bins empty
+or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. See docs/file-formats.md.
 """
 
 import math
-from dataclasses import replace
-from difflib import get_close_matches
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from jaxpack.files.tables import Row, Table, read_table, table_from_columns
-from jaxpack.files.texts import member, read_json, read_text
-from jaxpack.loading.job import FLAT_TURNED, ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, Sides
-from jaxpack.loading.numbers import as_size, as_weight, as_whole, fault, show
+from jaxpack.files.bed_bpp import read_orders
+from jaxpack.files.columns import (
+    BINS,
+    ITEMS,
+    NAMES,
+    ROTATIONS,
+    SIDES,
+    Reading,
+    Understood,
+    check_ignored,
+    same_unit,
+    understand,
+)
+from jaxpack.files.notes import Say, note, silent
+from jaxpack.files.spreadsheets import WORKBOOKS, read_table
+from jaxpack.files.tables import Row, Table, table_from_columns
+from jaxpack.files.texts import read_text
+from jaxpack.loading.exact import exact
+from jaxpack.loading.job import FLAT_TURNED, MOST_ITEMS, BinType, ItemType, Job, Sides
+from jaxpack.loading.numbers import as_size, as_whole, fault, plain
 
-MOST_ITEMS = 100_000  # copies of a job's items, all together
-
-TARGETS = {"euro-pallet": (1200.0, 800.0, 1600.0), "rollcontainer": (800.0, 700.0, 1600.0)}
-"""What a BED-BPP order is loaded on, and up to which height, mm."""
-
-_SIDES = {2: ("WIDTH", "HEIGHT"), 3: ("X", "Y", "Z")}
-_ROTATIONS = {f"ROTATION_{name}": name for name in ORIENTATIONS}
-_NAMES = ("NAME", "ID")
+TABLES = (".csv", ".tsv", ".txt", *WORKBOOKS)
 
 
-def read_job(items: Path, bins: Path | None = None) -> list[Job]:
+def read_job(
+    items: Path,
+    bins: Path | None = None,
+    *,
+    ignore: Sequence[str] = (),
+    packingsolver: bool = False,
+    say: Say = silent,
+) -> list[Job]:
     """The jobs of a file: one, or of a BED-BPP file one per order.
 
     Args:
-        items: a file .csv, .ins2D or .json.
-        bins: a CSV file of bins. CSV items need it; for the others it replaces what their file
-            says: the bin of an .ins2D file, the target of an order (a euro pallet, 1200 x 800,
-            if it names none, or a roll container, 800 x 700, both up to 1600 mm).
+        items: a file .csv, .xlsx, .ins2D or .json.
+        bins: a table of bins, .csv or .xlsx. A table of items needs it; for the others it replaces
+            what their file says: the bin of an .ins2D file, the target of an order (a euro pallet,
+            1200 x 800, if it names none, or a roll container, 800 x 700, both up to 2000 mm).
+        ignore: columns that are left out of account, capitals or not.
+        packingsolver: read tables exactly as PackingSolver 0.1.1233 does: without COPIES there is
+            one bin, 2D items without ORIENTED may be turned, without a rotation that is 1 items
+            are as given, -1 as MAXIMUM_WEIGHT is a limit, and decimals of lengths are cut off.
+        say: takes a line for everything that was assumed, such as the `append` of a list.
 
     Raises:
         UserError: naming the file, the row and the column (of JSON the order and the key).
     """
+    reading = Reading(_capitals(ignore), packingsolver, say)
     kind = items.suffix.lower()
-    if kind == ".csv":
+    if kind in TABLES:
         if bins is None:
-            raise fault(items, "a CSV file of items needs one of bins too: give both")
-        return [_job(read_table(items), read_table(bins), items.stem)]
-    if kind == ".ins2d":
-        return [_read_ins2d(items, None if bins is None else _bins(read_table(bins), 2))]
-    if kind == ".json":
-        given = None if bins is None else _bins(read_table(bins), 3)
-        orders = read_json(items)
-        if not isinstance(orders, dict) or not orders:
-            raise fault(items, "expected an object of orders by name, as BED-BPP has them")
-        return [_order(f"{items}: order '{name}'", name, orders[name], given) for name in orders]
-    raise fault(items, f"files '{kind}' are not known: give .csv, .ins2D or .json")
+            what = f"a {kind[1:].upper()} file of items needs one of bins too"
+            raise fault(items, f"{what}: give both")
+        return [_job(read_table(items, say), read_table(bins, say), items.stem, reading)]
+    if kind not in (".ins2d", ".json"):
+        raise fault(items, f"files '{kind}' are not known: give .csv, .xlsx, .ins2D or .json")
+    given = None
+    if bins is not None:
+        read = understand(read_table(bins, say), BINS, reading)
+        check_ignored(reading, read)
+        given = _bins(read, 2 if kind == ".ins2d" else 3, Fraction(1), reading)
+    else:
+        check_ignored(reading)
+    return [_read_ins2d(items, given)] if kind == ".ins2d" else read_orders(items, given)
 
 
-def job_from_columns(items: Any, bins: Any, name: str = "") -> Job:
+def job_from_columns(
+    items: Any,
+    bins: Any,
+    name: str = "",
+    *,
+    ignore: Sequence[str] = (),
+    packingsolver: bool = False,
+    say: Say = silent,
+) -> Job:
     """A job from tables of a program, with the columns of the CSV files.
 
     Args:
-        items: a data frame, a dict of columns, a structured NumPy array or a list of dicts.
+        items: a data frame, a dict of columns, a structured NumPy array or a list of dicts. None,
+            NaN and NA are empty cells.
         bins: likewise.
         name: the job's name.
+        ignore, packingsolver, say: see `read_job`.
 
     Raises:
         UserError: naming the table, the row, counted from 0, and the column.
     """
-    return _job(table_from_columns(items, "items"), table_from_columns(bins, "bins"), name)
+    reading = Reading(_capitals(ignore), packingsolver, say)
+    tables = table_from_columns(items, "items"), table_from_columns(bins, "bins")
+    return _job(*tables, name, reading)
 
 
-def _job(items: Table, bins: Table, name: str) -> Job:
-    dimension = _dimension(items)
-    return Job(_items(items, dimension), _bins(bins, dimension), dimension, name)
+def _capitals(names: Sequence[str]) -> frozenset[str]:
+    return frozenset(" ".join(name.upper().split()) for name in names)
 
 
-def _dimension(table: Table) -> int:
-    """2 or 3: the one whose columns are there."""
-    found = [d for d, names in _SIDES.items() if set(names) <= set(table.columns)]
-    if len(found) == 2:
-        raise fault(table.header, "columns of 2D (WIDTH, HEIGHT) and of 3D (X, Y, Z): keep either")
-    if not found:
-        # The one of which most is there or misspelt is meant.
-        likeness = {
-            d: sum(2 * (n in table.columns) + bool(get_close_matches(n, table.columns)) for n in ns)
-            for d, ns in _SIDES.items()
-        }
-        if not any(likeness.values()):
-            there = ", ".join(table.columns)[:60] or "none"
-            what = f"columns WIDTH, HEIGHT (2D) or X, Y, Z (3D) are missing: there are {there}"
-            raise fault(table.header, what)
-        found = [max(likeness, key=lambda d: likeness[d])]
-        table.need(_SIDES[found[0]])
-    if found == [2] and (third := {"LENGTH", "DEPTH"} & set(table.columns)):
-        what = f"column {min(third)} beside WIDTH and HEIGHT"
-        raise fault(table.header, what, "3D sides are named X, Y and Z; for 2D remove it")
-    return found[0]
+def _job(items: Table, bins: Table, name: str, reading: Reading) -> Job:
+    goods, rooms = understand(items, ITEMS, reading), understand(bins, BINS, reading)
+    check_ignored(reading, goods, rooms)
+    types = _items(goods, reading)
+    factor = same_unit(goods, rooms, reading.say)
+    return Job(types, _bins(rooms, goods.dimension, factor, reading), goods.dimension, name)
 
 
-def _size(row: Row, dimension: int) -> Sides:
-    if dimension == 2:
-        return row.size("WIDTH"), 1.0, row.size("HEIGHT")
-    return row.size("X"), row.size("Y"), row.size("Z")
+def _size(row: Row, dimension: int, whole: bool) -> Sides:
+    sides = [row.size(column) for column in SIDES[dimension]]
+    if whole:
+        for column, side in zip(SIDES[dimension], sides, strict=True):
+            if side < 1 or (isinstance(row.cell(column), str) and "e" in row.cell(column).lower()):
+                what = f"{row.cell(column)} is read up to its first sign that is no digit"
+                raise fault(row.at(column), what, "PackingSolver knows whole numbers only")
+        sides = [float(math.floor(side)) for side in sides]
+    return (sides[0], 1.0, sides[1]) if dimension == 2 else (sides[0], sides[1], sides[2])
 
 
-def _items(table: Table, dimension: int) -> tuple[ItemType, ...]:
-    table.need(_SIDES[dimension], ("COPIES", "WEIGHT", "ORIENTED", *_ROTATIONS, *_NAMES))
-    odd = [name for name in table.columns if name.startswith("ROTATION") and name not in _ROTATIONS]
-    if odd and dimension == 3:  # to ignore it would forbid what it allows
-        raise fault(table.header, f"column {odd[0]} is not known", f"use {', '.join(_ROTATIONS)}")
-    if not table.rows:
+def _say_cut(read: Understood, reading: Reading) -> None:
+    """Says that decimals are cut off where there are any."""
+    if not reading.packingsolver:
+        return
+    for row in read.table.rows():
+        for column in SIDES[read.dimension]:
+            if not row.size(column).is_integer():
+                what = f"{plain(row.size(column))} is read without its decimals"
+                reading.say(note(row.at(column), f"{what}, as PackingSolver reads all lengths"))
+                return
+
+
+def _items(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
+    table = read.table
+    if not table.lines:
         raise fault(table.header, "no items below the header: give at least one")
+    _say_cut(read, reading)
     items = []
     total = 0
-    for row in table.rows:
-        copies = row.whole("COPIES", low=1) if "COPIES" in row.cells else 1
+    for row in table.rows():
+        copies = row.whole("COPIES", low=0) if row.has("COPIES") else 1
         total = _count(total + copies, f"{row.at('COPIES')}: {copies} copies")
+        flat = read.dimension == 2
+        ways = _flat_orientations(row, reading) if flat else _orientations(row, read.flags, reading)
         items.append(
             ItemType(
-                _size(row, dimension),
+                _size(row, read.dimension, reading.packingsolver),
                 copies,
                 row.weight("WEIGHT"),
-                _flat_orientations(row) if dimension == 2 else _orientations(row),
-                row.text(*_NAMES),
-                row.where.rsplit(": ", 1)[-1],
+                ways,
+                row.text(*NAMES),
+                f"row {row.row}",
             )
         )
+    if not total:
+        raise fault(table.header, "all COPIES are 0: give at least one item")
     return tuple(items)
 
 
@@ -141,40 +180,73 @@ def _count(total: int, what: str) -> int:
     return total
 
 
-def _flat_orientations(row: Row) -> tuple[str, ...]:
-    if "ORIENTED" not in row.cells or row.flag("ORIENTED"):
-        return ("XYZ",)
-    return FLAT_TURNED
+def _flat_orientations(row: Row, reading: Reading) -> tuple[str, ...]:
+    return ("XYZ",) if row.flag("ORIENTED", default=not reading.packingsolver) else FLAT_TURNED
 
 
-def _orientations(row: Row) -> tuple[str, ...]:
-    columns = [column for column in _ROTATIONS if column in row.cells]
-    if not columns:
-        return ("XYZ",)
-    allowed = tuple(_ROTATIONS[column] for column in columns if row.flag(column))
-    if not allowed:
-        raise fault(row.where, f"columns {', '.join(columns)}", "all are 0: allow at least one")
-    return allowed
+def _orientations(row: Row, columns: Sequence[str], reading: Reading) -> tuple[str, ...]:
+    allowed = tuple(ROTATIONS[column] for column in columns if row.flag(column, default=False))
+    if allowed or reading.packingsolver or not any(row.has(column) for column in columns):
+        return allowed or ("XYZ",)
+    raise fault(row.where, f"columns {', '.join(columns)}", "all are 0: allow at least one")
 
 
-def _bins(table: Table, dimension: int) -> tuple[BinType, ...]:
-    if (found := _dimension(table)) != dimension:
-        sides = ", ".join(_SIDES[dimension])
-        what = f"bins of {found}D for items of {dimension}D"
+def _bins(
+    read: Understood, dimension: int, factor: Fraction, reading: Reading
+) -> tuple[BinType, ...]:
+    table = read.table
+    if read.dimension != dimension:
+        sides = ", ".join(SIDES[dimension])
+        what = f"bins of {read.dimension}D for items of {dimension}D"
         raise fault(table.header, what, f"give bins with columns {sides}")
-    table.need(_SIDES[dimension], ("COST", "COPIES", "MAXIMUM_WEIGHT", *_NAMES))
-    if not table.rows:
+    if not table.lines:
         raise fault(table.header, "no bins below the header: give at least one")
-    return tuple(
-        BinType(
-            _size(row, dimension),
-            _cost(row) if row.given("COST") else None,
-            row.whole("COPIES", low=1) if row.given("COPIES") else None,
-            row.weight("MAXIMUM_WEIGHT") if row.given("MAXIMUM_WEIGHT") else math.inf,
-            row.text(*_NAMES),
+    _say_cut(read, reading)
+    bins = []
+    for row in table.rows():
+        size = _size(row, dimension, reading.packingsolver)
+        if factor != 1:
+            x, y, z = (float(exact(side) * factor) for side in size)
+            size = x, (1.0 if dimension == 2 else y), z
+        limit, none = _limit(row, reading)
+        bins.append(
+            BinType(
+                size,
+                _cost(row) if _given(row, "COST") else None,
+                0 if none else _bin_copies(row, reading),
+                limit,
+                row.text(*NAMES),
+                f"row {row.row} of {Path(table.source).name}",
+            )
         )
-        for row in table.rows
-    )
+    return tuple(bins)
+
+
+def _given(row: Row, column: str) -> bool:
+    """Whether the cell is neither empty nor -1, which stands for no limit."""
+    return row.has(column) and (row.unlimited(column) or row.number(column) != -1)
+
+
+def _bin_copies(row: Row, reading: Reading) -> int | None:
+    if reading.packingsolver and not row.has("COPIES"):
+        return 1
+    if not _given(row, "COPIES") or row.unlimited("COPIES"):
+        return None
+    return row.whole("COPIES", low=0)
+
+
+def _limit(row: Row, reading: Reading) -> tuple[float, bool]:
+    """The most weight, and whether nothing can keep to it."""
+    column = "MAXIMUM_WEIGHT"
+    if not row.has(column) or row.unlimited(column):
+        return math.inf, False
+    if row.number(column) == -1:
+        if not reading.packingsolver:
+            return math.inf, False
+        what = "-1 is a limit that nothing keeps to in PackingSolver: the bin is not used"
+        reading.say(note(row.at(column), what))
+        return 0.0, True
+    return row.weight(column), False
 
 
 def _cost(row: Row) -> float:
@@ -204,7 +276,7 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
     if number != len(lines) - 2:
         raise fault(first, "column m", f"{number} items announced, {len(lines) - 2} are there")
     if bins is None:
-        bins = (BinType(_flat(second, W=wide, H=high)),)
+        bins = (BinType(_flat(second, W=wide, H=high), where="row 2"),)
     items = []
     total = 0
     for where, fields in lines[2:]:
@@ -221,41 +293,3 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
 def _flat(where: str, **sides: str) -> Sides:
     width, height = (as_size(text, f"{where}, column {name}") for name, text in sides.items())
     return width, 1.0, height
-
-
-def _order(where: str, name: str, order: Any, bins: tuple[BinType, ...] | None) -> Job:
-    """An order of BED-BPP, mm and kg: equal items are copies of one; upright, any side ahead."""
-    sequence = member(order, "item_sequence", dict, where)
-    if not sequence:
-        raise fault(where, "key 'item_sequence' has no items: give at least one")
-    copies: dict[ItemType, int] = {}
-    for key, item in sequence.items():
-        kind = _ordered_item(f"{where}, item '{key}'", item)
-        copies[kind] = copies.get(kind, 0) + 1
-    _count(len(sequence), where)
-    items = tuple(replace(kind, copies=number) for kind, number in copies.items())
-    return Job(items, bins or (_target(where, order),), name=name)
-
-
-def _ordered_item(where: str, item: Any) -> ItemType:
-    x, y, z = (
-        as_size(member(item, key, object, where), f"{where}, key '{key}'")
-        for key in ("length/mm", "width/mm", "height/mm")
-    )
-    key = "weight/kg"
-    weight = as_weight(member(item, key, object, where), f"{where}, key '{key}'")
-    label = next((item[key] for key in ("article", "id") if item.get(key) is not None), "")
-    if not isinstance(label, str | int):
-        raise fault(where, f"article or id {show(label)}", "expected a text")
-    return ItemType((x, y, z), weight=weight, orientations=UPRIGHT, name=str(label))
-
-
-def _target(where: str, order: Any) -> BinType:
-    properties = order.get("properties", {})
-    if not isinstance(properties, dict):
-        raise fault(where, "key 'properties'", "expected an object")
-    target = properties.get("target", "euro-pallet")
-    if not isinstance(target, str) or target not in TARGETS:
-        what = f"{show(target)} is not known: use {' or '.join(TARGETS)}, or give a file of bins"
-        raise fault(where, "key 'target'", what)
-    return BinType(TARGETS[target], name=target)

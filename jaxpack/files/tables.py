@@ -1,76 +1,135 @@
-"""Tables with named columns, from CSV files or from a program's own columns."""
+"""Tables with named columns, from files or from a program's own columns."""
 
 import csv
 import difflib
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Real
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from jaxpack.files.texts import read_text, write_text
+from jaxpack.files.texts import write_text
 from jaxpack.loading.numbers import as_number, as_size, as_weight, as_whole, fault, plain, show
 
+MOST_COLUMNS = 1_000
+MOST_ROWS = 250_000
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "＝", "＋", "－", "＠")
+"""What a text in a cell begins with that a spreadsheet would run."""
 
-class Row(NamedTuple):
+_FLAGS = {"1": True, "0": False, "TRUE": True, "FALSE": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
     """One row; its methods raise a UserError that names the row and the column."""
 
-    where: str  # the table and the row's number, for messages
-    cells: dict[str, Any]  # by column
+    source: str  # the file or table
+    row: int
+    cells: Sequence[Any]
+    places: Mapping[str, int]  # column -> which of the cells
+
+    @property
+    def where(self) -> str:
+        """Which row it is, for messages."""
+        return f"{self.source}: row {self.row}"
 
     def at(self, column: str) -> str:
         """Where a cell is, for messages."""
         return f"{self.where}, column {column}"
 
+    def cell(self, column: str) -> Any:
+        """What the cell holds; None if it is empty, or there is no such column."""
+        place = self.places.get(column)
+        value = None if place is None else self.cells[place]
+        if isinstance(value, str):
+            return value if value.strip() else None
+        if isinstance(value, np.floating) and value.itemsize < 8 and np.isfinite(value):
+            return str(value)  # its own few digits
+        return None if _empty(value) else value
+
+    def has(self, column: str) -> bool:
+        """Whether there is anything in the cell."""
+        return self.cell(column) is not None
+
     def number(self, column: str) -> float:
         """A finite number."""
-        return as_number(self.cells[column], self.at(column))
+        return as_number(self.cell(column), self.at(column))
 
     def size(self, column: str) -> float:
         """The length of a side."""
-        return as_size(self.cells[column], self.at(column))
+        return as_size(self.cell(column), self.at(column))
 
     def weight(self, column: str) -> float:
-        """A weight; 0 without that column."""
-        return as_weight(self.cells[column], self.at(column)) if column in self.cells else 0.0
+        """A weight; 0 if the cell is empty."""
+        value = self.cell(column)
+        return 0.0 if value is None else as_weight(value, self.at(column))
 
     def whole(self, column: str, low: int, high: int | None = None) -> int:
         """A whole number within limits."""
-        return as_whole(self.cells[column], self.at(column), low, high)
+        return as_whole(self.cell(column), self.at(column), low, high)
 
-    def flag(self, column: str) -> bool:
-        """0 or 1, or a bool."""
-        value = self.cells[column]
-        if isinstance(value, bool | np.bool_):
-            return bool(value)
+    def flag(self, column: str, default: bool) -> bool:
+        """0 or 1, TRUE or FALSE, or a bool; the default if the cell is empty."""
+        value = self.cell(column)
+        if isinstance(value, str):
+            value = _FLAGS.get(value.strip().upper(), value)
+        if value is None or isinstance(value, bool | np.bool_):
+            return default if value is None else bool(value)
         return as_whole(value, self.at(column), 0, 1) == 1
 
-    def given(self, column: str) -> bool:
-        """Whether the column is there and the cell is not -1, which stands for no limit."""
-        return column in self.cells and self.number(column) != -1
+    def unlimited(self, column: str) -> bool:
+        """Whether the cell holds an infinite number."""
+        value = self.cell(column)
+        if isinstance(value, str):
+            return value.strip().lower().removeprefix("+") in ("inf", "infinity", "∞")
+        return isinstance(value, float | np.floating) and bool(value == math.inf)
 
     def text(self, *columns: str) -> str:
         """The first of the columns that holds a text or a number; "" if none does."""
         for column in columns:
-            value = self.cells.get(column)
-            if value is None or (isinstance(value, float) and math.isnan(value)):
-                continue  # NaN: how data frames leave a cell empty
-            text = str(plain(value) if isinstance(value, float) else value).strip()
-            if text:
-                return text
+            value = self.cell(column)
+            if value is None:
+                continue
+            try:
+                return str(plain(value) if isinstance(value, float) else value).strip()
+            except ValueError as error:  # an integer of thousands of digits
+                raise fault(
+                    self.at(column), "a number of thousands of digits is no text"
+                ) from error
         return ""
+
+
+def _empty(value: object) -> bool:
+    """Whether a cell holds nothing: NaN and NA are how data frames leave it so."""
+    if value is None:
+        return True
+    if isinstance(value, Decimal):
+        return value.is_nan()
+    if isinstance(value, Real | np.generic):
+        return bool(value != value)
+    return type(value).__name__ in ("NAType", "NaTType")
 
 
 @dataclass(frozen=True)
 class Table:
     """Rows of cells under named columns."""
 
+    source: str  # the file or table, for messages
     header: str  # where the columns' names are, for messages
     columns: tuple[str, ...]  # in capitals
-    rows: tuple[Row, ...]
+    lines: Sequence[tuple[int, Sequence[Any]]]  # rows with their numbers, a cell per column
+    local: bool = False  # numbers may be written as in some country: "1.200" may be 1200
+
+    def rows(self) -> Iterator[Row]:
+        """The rows; of columns of one name the last counts."""
+        places = {name: place for place, name in enumerate(self.columns)}
+        for row, cells in self.lines:
+            yield Row(self.source, row, cells, places)
 
     def need(self, columns: Iterable[str], optional: Iterable[str] = ()) -> None:
         """Checks that the columns are there, and none of them twice.
@@ -90,51 +149,35 @@ class Table:
                 raise fault(self.header, f"column {name} is there twice", "remove one")
 
 
-def read_table(path: Path) -> Table:
-    """A CSV file: commas, the first row has the columns' names, blank rows are skipped.
-
-    Raises:
-        UserError: where it cannot be read or is not of that form. Rows count from 1, the header
-            included, as in an editor.
-    """
-    lines = csv.reader(io.StringIO(read_text(path), newline=""), strict=True, skipinitialspace=True)
-    header: list[str] = []
-    place = ""
-    rows = []
-    start = 1
-    try:
-        for cells in lines:
-            # A quoted cell may go over several lines: a row is where it starts.
-            where, start = f"{path}: row {start}", lines.line_num + 1
-            if not any(cell.strip() for cell in cells):
-                continue
-            if not header:
-                place, header = where, [cell.strip().upper() for cell in cells]
-                if wrong := [c for name in header for c in name if c in ";\t"]:
-                    raise fault(where, f"wrong delimiter: use commas, not {wrong[0]!r}")
-                continue
-            if len(cells) != len(header):
-                much = f"{len(cells)} fields, the header has {len(header)}"
-                raise fault(
-                    where, f"{much}: give every row as many, and quote fields that hold a comma"
-                )
-            rows.append(Row(where, dict(zip(header, cells, strict=True))))
-    except csv.Error as error:
-        raise fault(path, f"row {start}", f"not CSV ({error}); check its quotes") from error
-    if not header:
-        raise fault(path, "no header: name the columns in the first row")
-    return Table(place, tuple(header), tuple(rows))
+def checked_columns(where: str, names: Iterable[object]) -> tuple[str, ...]:
+    """The names of columns in capitals; UserError if there are too many."""
+    columns = tuple(" ".join(str(name).upper().split()) for name in names)
+    if len(columns) > MOST_COLUMNS:
+        raise fault(where, f"{len(columns):,} columns, more than {MOST_COLUMNS:,}: remove some")
+    return columns
 
 
 def write_table(path: Path, rows: Iterable[Sequence[object]]) -> None:
     """Writes a CSV file; the first row has the columns' names.
 
+    A text that a spreadsheet would run as a formula gets an apostrophe before it, which says that
+    it is a text.
+
     Raises:
         UserError: where it cannot be written.
     """
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerows([_inert(cell) for cell in row] for row in rows)
     write_text(path, text.getvalue())
+
+
+def _inert(cell: object) -> object:
+    if not isinstance(cell, str):
+        return cell
+    run = cell.startswith(FORMULA) or cell.lstrip().startswith(FORMULA)
+    text = cell.replace("\r", " ")  # which readers take for the end of a row, in quotes or not
+    return f"'{text}" if run else text
 
 
 def table_from_columns(data: Any, source: str) -> Table:
@@ -161,16 +204,8 @@ def table_from_columns(data: Any, source: str) -> Table:
     if len(set(lengths.values())) > 1:
         found = ", ".join(f"{name} has {length}" for name, length in lengths.items())
         raise fault(source, f"columns of different lengths ({found[:60]})")
-    columns = tuple(str(name).strip().upper() for name in lists)
-    rows = zip(*lists.values(), strict=True)
-    return Table(
-        source,
-        columns,
-        tuple(
-            Row(f"{source}: row {number}", dict(zip(columns, cells, strict=True)))
-            for number, cells in enumerate(rows)
-        ),
-    )
+    columns = checked_columns(source, lists)
+    return Table(source, source, columns, tuple(enumerate(zip(*lists.values(), strict=True))))
 
 
 def _named_columns(data: Any, source: str) -> Mapping[Any, Any]:

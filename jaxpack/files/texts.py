@@ -3,31 +3,62 @@
 Whatever is wrong comes out as a `UserError` of one line: where, what, and what to do.
 """
 
+import codecs
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from jaxpack.files.atomic import replace_file
+from jaxpack.files.notes import Say, note
 from jaxpack.loading.numbers import as_number, as_whole, fault, show
 
+MOST_BYTES = 2**26  # of a file
 
-def read_text(path: Path) -> str:
-    """The text of a UTF-8 file, with or without a byte order mark.
+
+def read_bytes(path: Path) -> bytes:
+    """What a file holds.
 
     Raises:
-        UserError: where it cannot be read, is empty or is not UTF-8 text.
+        UserError: where it cannot be read or is too large.
     """
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL in it
         reason = getattr(error, "strerror", None) or error
         raise fault(path, f"cannot be read ({reason}); give a file that can") from error
+    if len(data) > MOST_BYTES:
+        raise fault(path, f"more than {MOST_BYTES >> 20} MiB: split it")
+    return data
+
+
+def read_text(path: Path, say: Say | None = None) -> str:
+    """The text of a file: UTF-8, or UTF-16 with a byte order mark.
+
+    Args:
+        path: the file.
+        say: takes a note if it is neither, but the Windows-1252 that old spreadsheets write;
+            not given, that is an error.
+
+    Raises:
+        UserError: where it cannot be read, is too large, empty or no such text.
+    """
+    data = read_bytes(path)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
         row = data.count(b"\n", 0, error.start) + 1
-        raise fault(path, f"row {row}", "not UTF-8 text; save it as UTF-8 text") from error
+        wrong = fault(path, f"row {row}", "not UTF-8 text; save it as UTF-8 text")
+        if say is None or wide or b"\0" in data:
+            raise wrong from error
+        try:
+            text = data.decode("cp1252")
+        except UnicodeDecodeError:
+            raise wrong from error
+        (line,) = text.split("\n")[row - 1 : row]
+        say(note(path, f"not UTF-8, read as Windows-1252: row {row} is {show(line.strip())}"))
     if "\0" in text:
         row = text.count("\n", 0, text.index("\0")) + 1
         raise fault(path, f"row {row}", "a NUL byte, not text; save it as UTF-8 text")
@@ -67,11 +98,11 @@ def read_json(path: Path) -> Any:
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     # `json` keeps the last of two equal keys: items would be lost without a word.
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"key {show(twice)} is there twice")
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise ValueError(f"key {show(key)} is there twice")
+        table[key] = value
     return table
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from jaxpack.errors import UserError
 from jaxpack.loading.exact import DIGITS, clean, cut, decimals, exact
@@ -51,6 +51,8 @@ class ItemType:
     orientations: tuple[str, ...] = ("XYZ",)  # those that are allowed, keys of ORIENTATIONS
     name: str = ""
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
+    tags: tuple[Any, ...] = field(default=(), compare=False)
+    """What a file says of each copy beside all this, for files that are written."""
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""

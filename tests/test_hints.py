@@ -1,0 +1,80 @@
+"""Hints say what would help, and nothing where there is nothing to say."""
+
+import pytest
+
+from jaxpack.loading.hints import scale_hint, unfit_hint
+from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job
+
+
+def job(size, *bins, weight=0.0, ways=("XYZ",), copies=1, dimension=3):
+    items = (ItemType(size, copies, weight, ways),)
+    return Job(items, tuple(BinType(*bin) for bin in bins), dimension)
+
+
+@pytest.mark.parametrize(
+    ("case", "hint"),
+    [
+        (job((800, 1200, 100), ((1200, 800, 1500),)), "would fit turned: allow ROTATION_YXZ"),
+        (job((10, 10, 30), ((40, 10, 10),)), "would fit turned: allow ROTATION_ZYX"),
+        (job((3, 1, 9), ((9, 1, 3),), dimension=2), "would fit turned: allow that with ORIENTED 0"),
+        (job((9, 9, 9), ((8, 20, 20),), ways=tuple(ORIENTATIONS)), "give a larger bin"),
+        (job((5, 5, 5), ((9, 9, 9), None, None, 2), weight=3.0), "higher MAXIMUM_WEIGHT"),
+        (
+            job(
+                (5, 9, 5), ((5, 5, 5),), ((9, 5, 9), None, 0), ((9, 5, 9), None, None, 2), weight=3
+            ),
+            "give a larger bin",  # turned it would be too heavy
+        ),
+        (job((5, 5, 5), ((9, 9, 9), None, 0)), "the COPIES of all are 0"),
+    ],
+)
+def test_what_would_make_an_item_fit(case, hint):
+    assert hint in unfit_hint(case, 0)
+
+
+@pytest.mark.parametrize(
+    ("case", "hint"),
+    [
+        (
+            job((400, 300, 200), ((120, 80, 160),)),
+            "10 times smaller: are they in mm and the bins in cm",
+        ),
+        (
+            job((2540, 254, 254), ((100, 10, 10),)),
+            "25.4 times smaller: are they in mm and the bins in inc",
+        ),
+        (
+            job((300, 250, 200), ((12, 2.4, 2.6),)),
+            "100 times smaller: are they in cm and the bins in m?",
+        ),
+        (
+            job((4000, 300, 200), ((12, 2.4, 2.6),)),
+            "1000 times smaller: are they in mm and the bins in m",
+        ),
+        (
+            job((40, 30, 20), ((1200, 800, 1600),), copies=100),
+            "0.16 % of a bin: are they in cm and",
+        ),
+    ],
+)
+def test_another_unit(case, hint):
+    assert hint in scale_hint(case)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        job((40, 30, 20), ((120, 80, 160),)),
+        job((9e8, 9e8, 9e8), ((1, 1, 1),)),
+        job((40, 30, 20), ((1200, 800, 1600),), copies=1000),  # 1.6 % of it
+        job((600, 1, 1), ((1200, 800, 1600),)),  # ten times as long it does not fit
+        job((3, 1, 9), ((9, 1, 3),), dimension=2),
+    ],
+)
+def test_no_hint_where_nothing_hints_at_it(case):
+    assert scale_hint(case) is None
+
+
+def test_no_hint_where_some_items_fit():
+    items = (ItemType((40, 30, 20)), ItemType((400, 300, 200)))
+    assert scale_hint(Job(items, (BinType((120, 80, 160)),))) is None
