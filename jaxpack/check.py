@@ -4,15 +4,16 @@ import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from tyro.conf import FlagCreatePairsOff, Positional
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
-from jaxpack.files.jobs import read_job
+from jaxpack.files.notes import Say
 from jaxpack.files.packing_plans import is_packing_plans, read_packing_plans
 from jaxpack.files.plans import read_certificate, read_plan_json
 from jaxpack.files.tables import write_table
@@ -20,8 +21,9 @@ from jaxpack.files.texts import json_line, json_lines, write_text
 from jaxpack.loading.job import MOST_ITEMS, Job, Plan
 from jaxpack.loading.validate import plan_violations
 from jaxpack.loading.violations import Violation, sentence
+from jaxpack.orders import read_orders
 from jaxpack.packing.check import share_of
-from jaxpack.plan_tables import NAMED, counted, say
+from jaxpack.plan_tables import counted, say
 
 SHOWN = 20  # violations on the terminal
 SUFFIXES = (".csv", ".json")
@@ -44,6 +46,10 @@ class CommandOptions:
     """Exactly that share is enough."""
     order: str | None = None
     """Of several orders the one that the plan is of. BED-BPP's packing plans are of all of them."""
+    ignore: UseAppendAction[tuple[str, ...]] = ()
+    """A column of the files that need not be obeyed; may be given several times."""
+    packingsolver: FlagCreatePairsOff[bool] = False
+    """Read CSV files exactly as PackingSolver does, where that differs."""
     out: Path | None = None
     """Write the violations, a record for each: .csv or .json."""
 
@@ -70,15 +76,15 @@ class Verdict:
         return f"valid: {', '.join(parts)}"
 
 
-def read_plans(options: CommandOptions) -> list[tuple[Job, Plan]]:
+def read_plans(options: CommandOptions, tell: Say) -> list[tuple[Job, Plan]]:
     """The plan with its job, or of BED-BPP's packing plans all of them.
 
     Raises:
         UserError: naming the file and what is wrong in it.
     """
-    jobs = read_job(options.items, options.bins)
-    if options.order is not None:
-        jobs = [_named(jobs, options.order, options.items)]
+    jobs = read_orders(
+        options.items, options.bins, options.order, options.ignore, options.packingsolver, tell
+    )
     kind = options.plan.suffix.lower()
     if kind not in SUFFIXES:
         raise UserError(f"{options.plan}: plans '{kind}' are not known: give .csv or .json")
@@ -96,15 +102,6 @@ def read_plans(options: CommandOptions) -> list[tuple[Job, Plan]]:
             what = f"{loaded:,} items, a job has at most {MOST_ITEMS:,}"
             raise UserError(f"{options.plan}: {what}: is it of another job?")
     return plans
-
-
-def _named(jobs: Sequence[Job], order: str, source: Path) -> Job:
-    for job in jobs:
-        if job.name == order:
-            return job
-    there = ", ".join(job.name for job in jobs[:NAMED])
-    more = f" and {len(jobs) - NAMED} more" if len(jobs) > NAMED else ""
-    raise UserError(f"--order '{order}': {source} has {there}{more}")
 
 
 def check_output(options: CommandOptions) -> None:
@@ -160,13 +157,14 @@ def main(argv: Sequence[str]) -> None:
     except UserError as error:
         raise UserError(f"--{error}") from None
     check_output(options)
+    tell = partial(say, Console(stderr=True, highlight=False))
     verdicts = [
         Verdict(
             job,
             plan,
             tuple(plan_violations(job, plan, options.support, options.support_inclusive)),
         )
-        for job, plan in read_plans(options)
+        for job, plan in read_plans(options, tell)
     ]
     console = Console(highlight=False)
     for line in _lines(verdicts):
@@ -178,4 +176,4 @@ def main(argv: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    run_door(main)
+    run_door(main, computes=False)

@@ -8,6 +8,7 @@ from typing import Any
 
 from jaxpack.errors import UserError
 from jaxpack.files.jobs import job_from_columns, read_job
+from jaxpack.files.notes import Say, silent
 from jaxpack.files.plans import write_certificate, write_plan_json, write_steps
 from jaxpack.loading.bounds import Bounds, gap
 from jaxpack.loading.figures import PlanFigures, plan_figures
@@ -37,6 +38,7 @@ class Solution:
     seconds: float
     packings: int  # that were tried
     end: End  # what ended the search
+    notes: tuple[str, ...] = ()  # what was assumed of the tables, a line each
 
     @property
     def bound(self) -> int:
@@ -66,9 +68,9 @@ class Solution:
         """What ended the search, in words."""
         return SENTENCES[self.end]
 
-    def write_csv(self, path: str | PathLike[str]) -> None:
-        """Writes the plan as PackingSolver's certificate."""
-        write_certificate(Path(path), self.job, self.plan)
+    def write_csv(self, path: str | PathLike[str], say: Say = silent) -> None:
+        """Writes the plan as PackingSolver's certificate; `say` takes what there is to note."""
+        write_certificate(Path(path), self.job, self.plan, say)
 
     def write_json(self, path: str | PathLike[str]) -> None:
         """Writes the plan and what it says of the job as JSON."""
@@ -126,12 +128,13 @@ def solve(
     Raises:
         UserError: where anything in it is wrong, in one line.
     """
-    job = _job(items, bins, ignore)
+    notes: list[str] = []
+    job = _job(items, bins, ignore, notes.append)
     options = SolveOptions(time_limit, seed, support, inclusive, resolution, skip_unfit)
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    return solution(job, solve_job(job, options))
+    return replace(solution(job, solve_job(job, options)), notes=tuple(notes))
 
 
 def checked_options(
@@ -181,7 +184,7 @@ def solution(job: Job, found: Progress) -> Solution:
     )
 
 
-def _job(items: Any, bins: Any, ignore: Sequence[str]) -> Job:
+def _job(items: Any, bins: Any, ignore: Sequence[str], say: Say) -> Job:
     if isinstance(items, Job):
         if bins is not None:
             raise UserError("bins: a job has its bins already; give none beside it")
@@ -190,10 +193,11 @@ def _job(items: Any, bins: Any, ignore: Sequence[str]) -> Job:
     if not isinstance(items, paths):
         if bins is None or isinstance(bins, paths):
             raise UserError("bins: give a table of them, as the items are one")
-        return job_from_columns(items, bins)
+        return job_from_columns(items, bins, ignore=ignore, say=say)
     if bins is not None and not isinstance(bins, paths):
         raise UserError("bins: give the path of a file, as the items are in one")
-    jobs = read_job(Path(items), None if bins is None else Path(bins))
+    room = None if bins is None else Path(bins)
+    jobs = read_job(Path(items), room, ignore=ignore, say=say)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

@@ -7,22 +7,25 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
 from rich.console import Console
 from rich.live import Live
-from tyro.conf import FlagCreatePairsOff, Positional
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
-from jaxpack.files.jobs import read_job
+from jaxpack.files.notes import Say
 from jaxpack.files.plans import write_bed_bpp
+from jaxpack.loading.hints import scale_hint
 from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, improve
 from jaxpack.loading.validate import InvalidPlanError
-from jaxpack.plan_tables import NAMED, counted, live_figures, plain_text, print_solutions, say
+from jaxpack.orders import read_orders
+from jaxpack.plan_tables import counted, live_figures, plain_text, print_solutions, say
 from jaxpack.solution import Solution, checked_options, solution, solve
 
 TICK = 0.1  # seconds between two states of the live line
@@ -55,7 +58,8 @@ class CommandOptions:
     png: Path | None = None
     """Write a picture of the plan: .png."""
     bed_bpp: Path | None = None
-    """Write the plans of all orders as BED-BPP has them, of a .json file of items: .json."""
+    """Write the plans of all orders as BED-BPP has them, each for its one target: .json. Of items
+    that are BED-BPP's, .json."""
     time_limit: float = SolveOptions.time_limit
     """Seconds for the search in each job, compilation included."""
     seed: int = SolveOptions.seed
@@ -70,19 +74,10 @@ class CommandOptions:
     """Leave out the items that no bin can hold; otherwise they are an error."""
     order: str | None = None
     """Solve only the order of that name."""
-
-
-def read_orders(options: CommandOptions) -> list[Job]:
-    """The jobs to solve: all of the file, or the one that is asked for."""
-    jobs = read_job(options.items, options.bins)
-    if options.order is None:
-        return jobs
-    named = [job for job in jobs if job.name == options.order]
-    if not named:
-        there = ", ".join(job.name for job in jobs[:NAMED])
-        more = f" and {len(jobs) - NAMED} more" if len(jobs) > NAMED else ""
-        raise UserError(f"--order '{options.order}': {options.items} has {there}{more}")
-    return named
+    ignore: UseAppendAction[tuple[str, ...]] = ()
+    """A column of the files that need not be obeyed; may be given several times."""
+    packingsolver: FlagCreatePairsOff[bool] = False
+    """Read CSV files exactly as PackingSolver does, where that differs."""
 
 
 def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, Path]]:
@@ -170,11 +165,12 @@ def search(
     return solution(job, found)
 
 
-def write_files(found: Solution, files: dict[str, Path]) -> None:
+def write_files(found: Solution, files: dict[str, Path], tell: Say) -> None:
     """Writes a plan in every form that is asked for, the pictures, which take longest, last."""
     for option, path in files.items():
         if option == "out":
-            found.write_json(path) if path.suffix.lower() == ".json" else found.write_csv(path)
+            json = path.suffix.lower() == ".json"
+            found.write_json(path) if json else found.write_csv(path, tell)
         else:
             getattr(found, f"write_{option}")(path)
 
@@ -199,7 +195,7 @@ def solve_jobs(
             say(status, f"{where}: {counted(job.count, 'item')}")
         try:
             found = search(job, how, interrupted, status)
-            write_files(found, own)
+            write_files(found, own, partial(say, status))
         except UserError as error:
             if len(jobs) == 1:
                 raise UserError(f"{where}: {error}") from None
@@ -210,6 +206,8 @@ def solve_jobs(
                 f"error: {where}: no valid plan, nothing is written: {error}"
             ) from None
         solutions.append(found)
+        if hint := scale_hint(job):
+            say(status, f"{where}: {hint}")
         if own:
             say(status, f"written: {', '.join(map(str, own.values()))}")
         if found.unpacked:
@@ -220,23 +218,14 @@ def solve_jobs(
     return solutions
 
 
-def write_orders(path: Path, solutions: Sequence[Solution], status: Console) -> bool:
-    """Writes the orders in one bin each, all that BED-BPP can hold; returns if these are all."""
-    alone = [found for found in solutions if len(found.plan.bins) == 1]
-    if alone:
-        write_bed_bpp(path, [found.job for found in alone], [found.plan for found in alone])
-        say(status, f"written: {path}")
-    for found in solutions:
-        if len(found.plan.bins) > 1:
-            what = f"order '{found.job.name}' is not in it: it takes {len(found.plan.bins)} bins"
-            say(status, f"error: {path}: {what}, BED-BPP has one")
-    return len(alone) == len(solutions)
-
-
 def main(argv: Sequence[str]) -> None:
     """Parses, packs, writes, prints."""
     options = parse_options(CommandOptions, "solve", argv)
-    jobs = read_orders(options)
+    console, status = Console(highlight=False), Console(stderr=True, highlight=False)
+    tell = partial(say, status)
+    jobs = read_orders(
+        options.items, options.bins, options.order, options.ignore, options.packingsolver, tell
+    )
     how = SolveOptions(
         options.time_limit,
         options.seed,
@@ -248,12 +237,13 @@ def main(argv: Sequence[str]) -> None:
     for job in jobs:
         checked_options(how, job, _flag)
     files = plan_files(options, jobs)
-    console, status = Console(highlight=False), Console(stderr=True, highlight=False)
     with interrupts() as interrupted:
         solutions = solve_jobs(jobs, how, files, options.items, interrupted, status)
         complete = len(solutions) == len(jobs) and not any(f.unpacked for f in solutions)
-        if options.bed_bpp:
-            complete &= write_orders(options.bed_bpp, solutions, status)
+        if options.bed_bpp and solutions:
+            orders, plans = [one.job for one in solutions], [one.plan for one in solutions]
+            write_bed_bpp(options.bed_bpp, orders, plans, tell)
+            tell(f"written: {options.bed_bpp}")
         if solutions:
             print_solutions(console, solutions, len(jobs) > 1)
     code = 0 if complete else 2

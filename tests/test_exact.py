@@ -163,9 +163,9 @@ def test_a_copy_of_what_was_refused_fits_once_something_else_has_come_in():
     sizes = np.array([[6, 1, 3], [7, 1, 2], [4, 1, 3], [7, 1, 2], [7, 1, 3]])
     bins, corners = [0, 1, 0, 0, 1], [0, 0, 6, 0, 0]
     room, limit = np.tile([10, 1, 6], (2, 1)), np.zeros(2, int)
-    compiled = packed(
-        ExactRules(16, True), Rules(1.0), sizes[..., None], np.zeros((5, 1)), room[..., None], limit[:, None]
-    )  # fmt: skip
+    items, weights = sizes[..., None], np.zeros((5, 1))
+    bins_of_it = room[..., None], limit[:, None]
+    compiled = packed(ExactRules(16, True), Rules(1.0), items, weights, *bins_of_it)
     job = Job(tuple(ItemType((x, 1, z)) for x, _, z in sizes), (BinType((10, 1, 6), copies=2),), 2)
     genes = Genes(np.arange(5), np.zeros(5, int), np.arange(2))
     quickly = pack_quickly(load_job(job, Rules(1.0)), genes, blocks=False)

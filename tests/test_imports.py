@@ -10,7 +10,17 @@ import jaxpack
 ROOT = Path(jaxpack.__file__).parent
 DOORS = {"train", "evaluate", "solve", "check"}
 ROOMS = {"packing", "solvers", "learning", "loading", "files"}
-TOP = {"methods", "comparison", "tables", "plan_tables", "training", "solution", "cli"}
+TOP = {
+    "methods",
+    "comparison",
+    "tables",
+    "plan_tables",
+    "training",
+    "solution",
+    "cli",
+    "orders",
+    "search_process",
+}
 BASE = {"errors", "devices"}
 ALLOWED = {
     "errors": set(),

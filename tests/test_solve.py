@@ -103,7 +103,8 @@ BAD = {
         "",
         "items.csv: row 1: column WIDTH is missing: is 'WIDHT' meant?",
     ),
-    "semicolons": ("X;Y;Z\n4;4;4\n", BIN, "", "row 1: wrong delimiter: use commas, not ';'"),
+    "two meanings": ("X;Y;Z\n1.200;4;4\n", BIN, "", "items.csv: row 2, column X: "),
+    "a near miss": ("X,Y,Z,QTY\n4,4,4,9\n", BIN, "", "items.csv: row 1: column QTY"),
     "NaN": ("X,Y,Z\n4,nan,4\n", BIN, "", "items.csv: row 2, column Y: 'nan' is not a number"),
     "a text": ("X,Y,Z\n4,4,4\n4,4,tall\n", BIN, "", "items.csv: row 3, column Z: 'tall' is not"),
     "negative": ("X,Y,Z\n-4,4,4\n", BIN, "", "items.csv: row 2, column X: -4 is not a size"),
@@ -111,7 +112,7 @@ BAD = {
     "absurd": ("X,Y,Z\n4,4,1e300\n", BIN, "", "items.csv: row 2, column Z: 1e+300 is out of range"),
     "a million": ("X,Y,Z,COPIES\n1,1,1,1000000\n", BIN, "", "row 2, column COPIES: 1000000 copies"),
     "half a copy": ("X,Y,Z,COPIES\n1,1,1,0.5\n", BIN, "", "items.csv: row 2, column COPIES: 0.5"),
-    "Latin-1": (b"X,Y,Z,NAME\n4,4,4,caf\xe9\n", BIN, "", "items.csv: row 2: not UTF-8 text"),
+    "a command": (ITEMS, BIN, "--ignore HUE", "--ignore 'HUE': there is no such column"),
     "2D and 3D": (
         ITEMS,
         "WIDTH,HEIGHT\n10,10\n",
@@ -275,8 +276,9 @@ def test_orders_are_solved_one_after_the_other(home, monkeypatch, capsys, quick)
         ["a/b", "2", "0", "2"],
     ]
     assert "error: orders.json: order 'tall': too tall" in errors
-    assert "error: all.json: order 'a/b' is not in it: it takes 2 bins" in errors
-    assert list(json.loads((home / "all.json").read_text())) == ["0017"]
+    assert "all.json: order 'a/b': 1 of 2 items are left off its one target" in errors
+    plans = json.loads((home / "all.json").read_text())
+    assert {name: len(plan) for name, plan in plans.items()} == {"0017": 1, "a/b": 1}
 
 
 def unless_tall(job, *how):
@@ -293,6 +295,17 @@ def test_one_order_by_name(home, monkeypatch, capsys, quick):
     capsys.readouterr()
     assert run(monkeypatch, "orders.json", "--order", "c") == 2
     assert capsys.readouterr().err == "error: --order 'c': orders.json has 0017, a/b\n"
+
+
+def test_what_was_assumed_is_said_on_standard_error(home, monkeypatch, capsys, quick):
+    text = "Length (mm);Width (mm);Height (mm);Colour\n1;2,5;3;red\n"
+    write(home, items=text, bins=BIN)
+    assert run(monkeypatch, "items.csv", "bins.csv", "--ignore", "COLOUR") == 0
+    output, errors = capsys.readouterr()
+    assert "LENGTH (MM) as X" in errors
+    assert "LENGTH" not in output
+    found = jaxpack.solve(home / "items.csv", home / "bins.csv")
+    assert any("LENGTH (MM) as X" in note for note in found.notes)
 
 
 def test_orders_whose_files_would_have_one_name_are_refused(home, monkeypatch, capsys):

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.loading.exact import exact
+from jaxpack.loading.hints import scale_hint, unfit_hint
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.loading.units import Units, in_units, units_of
 
@@ -122,10 +123,9 @@ def _unfit(job: Job, unfit: list[int], skipped: bool) -> str:
     rooms = [kind for kind in job.bins if kind.copies != 0]
     if any(_holds(first, way, kind.size) for way in first.orientations for kind in rooms):
         wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
-    advice = "" if skipped else ", or leave such items out with --skip-unfit"
-    return (
-        f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; give a larger bin{advice}"
-    )
+    advice = scale_hint(job) or unfit_hint(job, unfit[0])
+    advice += "" if skipped else ", or leave such items out with --skip-unfit"
+    return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
 
 
 def _holds(item: ItemType, way: str, room: Sides) -> bool:
