@@ -21,13 +21,17 @@ def read_orders(
     """All jobs of a file, or the one of that name.
 
     Args:
-        items, bins, ignore, packingsolver, say: see `read_job`.
+        items, bins, ignore, packingsolver: see `read_job`.
         order: a name, or None for all.
+        say: takes a line for everything that was assumed, once all has been read.
 
     Raises:
         UserError: naming what is wrong in a file, or the orders that there are.
     """
-    jobs = read_job(items, bins, ignore=ignore, packingsolver=packingsolver, say=say)
+    notes: list[str] = []
+    jobs = read_job(items, bins, ignore=ignore, packingsolver=packingsolver, say=notes.append)
+    for note in notes:
+        say(note)
     if order is None:
         return jobs
     named = [job for job in jobs if job.name == order]
