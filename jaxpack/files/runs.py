@@ -1,6 +1,7 @@
 """Run folders: everything a training run leaves behind, and what it needs to go on.
 
-    RUN/config.json      the recipe, the seed, the preset's name; locked by who trains
+    RUN/config.json      the recipe, the seed, the preset's name
+    RUN/.lock            held by who trains
     RUN/metrics.jsonl    a line per chunk of updates and per validation
     RUN/checkpoints/N/   the state after N updates and the best policy so far (orbax)
     RUN/table.json, table.txt, packing.png   the end of the run
@@ -9,7 +10,6 @@ A folder appears with its config in it or not at all; a checkpoint likewise. Kil
 moment, or out of disk, a run loses what it did since its last checkpoint and nothing else.
 """
 
-import fcntl
 import json
 import os
 import re
@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,6 +33,7 @@ from jaxpack.devices import data_mesh, on_all
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.locks import held
 from jaxpack.files.weights import fits_recipe, load_policy
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy, TrainConfig
@@ -146,23 +147,16 @@ def read_run(path: Path) -> RunConfig:
 def lock_run(run: Path) -> Iterator[None]:
     """Keeps every other process from training in `run` meanwhile.
 
-    The lock is the kernel's and goes with the process that held it, however that ended. It is on
-    config.json, which nothing replaces.
-
     Raises:
         UserError: where another process has it, or the folder may not be written.
     """
-    try:
-        file = open(run / "config.json", "r+")  # noqa: SIM115, closed below; NFS locks what it may write
-    except OSError as error:
-        raise _unwritable(run, run / "config.json", str(error.strerror)) from error
-    with file:
+    file = run / ".lock"
+    in_use = f"{run}: another process is training this run; wait for its end or stop it first"
+    with ExitStack() as stack:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(
-                f"{run}: another process is training this run; wait for its end or stop it first"
-            ) from None
+            stack.enter_context(held(file, in_use))
+        except OSError as error:
+            raise _unwritable(run, file, str(error.strerror)) from error
         yield
 
 
