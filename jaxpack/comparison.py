@@ -21,7 +21,7 @@ from jax import Array
 from jax.tree_util import Partial
 
 from jaxpack.devices import by_batch, data_mesh, split_batch, usable_cores
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, check_counts
 from jaxpack.files.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
@@ -109,9 +109,8 @@ class Comparison:
     chunk: int = 10_000  # instances in memory at a time
 
     def __post_init__(self) -> None:
-        for name in ("instances", "seeds", "batch", "chunk"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} {getattr(self, name)}: give at least 1")
+        check_counts(self, "instances", "seeds", "batch", "chunk")
+        check_counts(self, "seed", least=-MOST - 1, most=MOST - self.seeds + 1)
 
     @property
     def threads(self) -> int:

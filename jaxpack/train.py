@@ -158,9 +158,6 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
             raise UserError("--resume takes no other option: the run folder holds them all")
         config = read_run(options.resume)
         return options.resume, config, _mesh(options, config)
-    for name in ("chunk", "checkpoint_every"):
-        if getattr(options, name) < 1:
-            raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
     recipe = make_recipe(options)
     config = RunConfig(
         options.preset,

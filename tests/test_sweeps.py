@@ -115,9 +115,9 @@ def test_what_is_no_sweep_is_refused_by_name_and_left_as_it_is(tmp_path):
     file = tmp_path / "s"
     for text in texts:
         file.write_bytes(text)
-        with pytest.raises(UserError, match=f"--sweep {file}: ") as caught:
-            with open_sweep(file, {"seed": 0}):
-                pass
+        refused = pytest.raises(UserError, match=f"--sweep {file}: ")
+        with refused as caught, open_sweep(file, {"seed": 0}):
+            pass
         assert "\n" not in str(caught.value)
         assert file.read_bytes() == text
     file.write_text('{"see')  # killed in its first line

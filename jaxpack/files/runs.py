@@ -30,10 +30,11 @@ from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
 from jaxpack.devices import data_mesh, on_all
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
 from jaxpack.files.locks import held
+from jaxpack.files.texts import fault, read_json
 from jaxpack.files.weights import fits_recipe, load_policy
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy, TrainConfig
@@ -49,9 +50,11 @@ class RunConfig:
     train: TrainConfig
     chunk: int = 50  # updates per dispatch and per line of metrics.jsonl, at most
     checkpoint_every: int = 500  # updates between validations and checkpoints, at least
-    start_from: str = (
-        ""  # the policy whose weights it begins with, for `load_policy`; or fresh ones
-    )
+    start_from: str = ""  # the policy whose weights it begins with, or none: fresh ones
+
+    def __post_init__(self) -> None:
+        check_counts(self, "seed", least=-MOST - 1)
+        check_counts(self, "chunk", "checkpoint_every")
 
 
 class Best(NamedTuple):
@@ -136,11 +139,7 @@ def read_run(path: Path) -> RunConfig:
         raise UserError(
             f"{path}: not a run folder, it has no config.json; name one that train made"
         )
-    try:
-        data = json.loads(file.read_text())
-    except ValueError as error:
-        raise UserError(f"{file}: damaged, not JSON ({error}); train again") from error
-    return config_from_dict(RunConfig, data, str(file))
+    return config_from_dict(RunConfig, read_json(file), str(file))
 
 
 @contextmanager
@@ -308,16 +307,27 @@ def append_line(run: Path, record: dict[str, Any]) -> None:
 
 
 def read_lines(run: Path) -> list[dict[str, Any]]:
-    """The whole lines of metrics.jsonl; a last one that a kill cut short is left out."""
+    """The whole lines of metrics.jsonl; a last one that a kill cut short is left out.
+
+    Raises:
+        UserError: naming the first line that is no record, or where the file cannot be read.
+    """
     file = run / "metrics.jsonl"
     if not file.exists():
         return []
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]
+    except OSError as error:
+        raise fault(file, f"cannot be read ({error.strerror}); allow it") from error
     records = []
-    for line in file.read_text().splitlines():
+    for row, line in enumerate(lines, 1):
         try:
-            records.append(json.loads(line))
-        except ValueError:
-            break
+            record = json.loads(line)
+            if type(record["update"]) is not int:
+                raise TypeError("'update' is no whole number")
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise fault(file, f"row {row}", "not a record of a run; delete that line") from error
+        records.append(record)
     return records
 
 

@@ -4,7 +4,7 @@ Both are plain data. Loading never unpickles: nothing in a file is executed.
 """
 
 import json
-import zipfile
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from flax import traverse_util
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.texts import fault, read_json
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import Policy, TrainConfig
@@ -38,7 +39,7 @@ def load_policy(name: str) -> Policy:
     """
     if name in shipped_policies():
         path = Path(str(resources.files("jaxpack") / "weights" / f"{name}.npz"))
-    elif name.endswith(".npz") and Path(name).exists():
+    elif name.endswith(".npz") and os.path.exists(name):  # False for what can be no name
         path = Path(name)
     else:
         raise UserError(
@@ -59,34 +60,40 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
 
 
 def fits_recipe(config: TrainConfig, params: Params) -> bool:
-    """Whether `params` have the names and shapes that `config` gives."""
+    """Whether `params` have the names, shapes and dtypes that `config` gives."""
     return not _differing(config, params)
 
 
 def check_params(config: TrainConfig, params: Params, where: str) -> Params:
-    """`params` if they have the shapes that `config` gives; UserError naming `where` if not."""
+    """`params`, finite and as `fits_recipe` has them; UserError naming `where` if they are not."""
     if names := _differing(config, params):
-        raise UserError(f"{where}: its weights do not match its config ({names[0]}); retrain it")
+        raise fault(where, f"its weights do not match its config ({names[0]}); retrain it")
+    if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(params)):
+        raise fault(where, "a weight is not a finite number; retrain it")
     return params
 
 
 def _differing(config: TrainConfig, params: Params) -> list[str]:
     expected = jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
-    wanted = {k: v.shape for k, v in traverse_util.flatten_dict(expected, sep="/").items()}
-    found = {k: np.shape(v) for k, v in traverse_util.flatten_dict(params, sep="/").items()}
+
+    def kinds(params: Params) -> dict[str, tuple]:
+        flat = traverse_util.flatten_dict(params, sep="/")
+        return {name: (leaf.shape, leaf.dtype) for name, leaf in flat.items()}
+
+    wanted, found = kinds(expected), kinds(params)
     return sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
 
 
 def _read(path: Path) -> Policy:
     try:
-        record = json.loads(path.with_suffix(".json").read_text())
-        config = config_from_dict(TrainConfig, record["config"])
+        record = read_json(path.with_suffix(".json"))
+        config = config_from_dict(TrainConfig, record["config"], f"{path.with_suffix('.json')}")
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            flat = {name: jnp.asarray(archive[name]) for name in archive.files}
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(f"{path}: not a policy, or damaged ({error}); fetch it again") from error
-    return Policy(
-        config, check_params(config, traverse_util.unflatten_dict(flat, sep="/"), str(path))
-    )
+            flat = {name: archive[name] for name in archive.files}
+        params = check_params(config, traverse_util.unflatten_dict(flat, sep="/"), str(path))
+    except UserError:
+        raise
+    except Exception as error:  # of many kinds: those of zipfile, zlib, tokenize, NumPy, ...
+        reason = str(error).split("\n")[0][:120] or type(error).__name__
+        raise fault(path, f"not a policy, or damaged ({reason}); fetch it again") from error
+    return Policy(config, jax.tree.map(jnp.asarray, params))

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.errors import UserError, check_counts
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.packing.problem import Instance, Problem
 
@@ -27,6 +28,11 @@ class PointerConfig:
     hidden: int = 64  # D: encoder channels, GRU state, attention
     critic: int = 20  # channels of the critic's own layers
     input_scale: float = 4.0  # what a side as long as the bin's is to the network
+
+    def __post_init__(self) -> None:
+        check_counts(self, "hidden", "critic", most=1 << 16)
+        if not self.input_scale > 0:
+            raise UserError(f"input_scale {self.input_scale}: give more than 0")
 
 
 class PointerNetwork(nn.Module):

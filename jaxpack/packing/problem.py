@@ -26,6 +26,9 @@ from jax.typing import ArrayLike
 
 from jaxpack.errors import UserError
 
+MOST_CELLS = 1 << 20
+"""Of a height map."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -45,12 +48,9 @@ class Problem:
     inclusive: bool = True
 
     def __post_init__(self) -> None:
-        if not _whole_sides(self.bin, 3):
-            raise UserError(f"bin {self.bin}: give three whole sides of at least 1 cell")
+        check_bin(self.bin)
         if self.largest is not None and not _whole_sides(self.largest, 2):
             raise UserError(f"largest {self.largest}: give a whole length and width, or None")
-        if self.bin[2] >= np.iinfo(np.int16).max or self.bin[0] * self.bin[1] > 1 << 20:
-            raise UserError(f"bin {self.bin}: too many cells for a height map, use a coarser grid")
         if not 0 <= self.support <= 1:
             raise UserError(f"support {self.support}: give a share from 0 to 1")
 
@@ -125,11 +125,32 @@ class Packing(NamedTuple):
     shadow: Array  # int32[N], cells: sum of the height map of each bin slot
 
 
+def check_bin(bin: tuple[int, ...]) -> None:
+    """Raises UserError where `bin` is not (L, W, H) in cells of which this package can keep count.
+
+    Heights are below 2^15 - 1, the plane has at most 2^20 cells, and the volume is below 2^31: what
+    is summed up over a bin (volumes, the height map) is then within int32.
+    """
+    if not _whole_sides(bin, 3):
+        raise UserError(f"bin {bin}: give three whole sides of at least 1 cell")
+    length, width, height = bin
+    for name, cells, most in (
+        ("height", height, np.iinfo(np.int16).max - 1),
+        ("length times width", length * width, MOST_CELLS),
+        ("volume", length * width * height, np.iinfo(np.int32).max),
+    ):
+        if cells > most:
+            raise UserError(
+                f"bin {bin}: too many cells, its {name} is {cells:,} and may be at most "
+                f"{most:,}; use a coarser grid"
+            )
+
+
 def _whole_sides(sides: object, count: int) -> bool:
     return (
         isinstance(sides, tuple)
         and len(sides) == count
-        and all(isinstance(side, int) and side >= 1 for side in sides)
+        and all(type(side) is int and side >= 1 for side in sides)
     )
 
 
