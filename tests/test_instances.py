@@ -87,6 +87,8 @@ def test_the_number_of_items_and_the_sides_may_be_traced():
         (40, 0, 5, "sides 0-5: a side is at least 1 cell"),
         (40, -1, 5, "sides -1-5"),
         (40, 5, 4, "sides 5-4: give the smaller side first"),
+        (40, 1, 2**40, "sides 1-1099511627776: no bin is longer than 1048576"),
+        (10**12, 1, 5, "items 1000000000000: .* at most 1048576"),
     ],
 )
 def test_a_distribution_refuses_what_it_cannot_draw(items, low, high, message):
