@@ -42,9 +42,9 @@ from rows import RESULTS, read_rows, write_rows
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
+from jaxpack.loading.bounds import bounds
 from jaxpack.loading.compiled import encode
 from jaxpack.loading.exact import common_scale, exact
-from jaxpack.loading.bounds import bounds
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.loading.stock import Rules, load_job
 from jaxpack.loading.validate import plan_violations

@@ -5,7 +5,6 @@ shape, so each method compiles once for the whole grid; seeds are pooled within 
 are made, packed and summed up in chunks: of a million of them one chunk is in memory.
 """
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,8 +20,8 @@ import numpy as np
 from jax import Array
 from jax.tree_util import Partial
 
-from jaxpack.devices import by_batch, data_mesh, split_batch
-from jaxpack.errors import UserError
+from jaxpack.devices import by_batch, data_mesh, split_batch, usable_cores
+from jaxpack.errors import MOST, check_counts
 from jaxpack.files.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
@@ -110,15 +109,14 @@ class Comparison:
     chunk: int = 10_000  # instances in memory at a time
 
     def __post_init__(self) -> None:
-        for name in ("instances", "seeds", "batch", "chunk"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} {getattr(self, name)}: give at least 1")
+        check_counts(self, "instances", "seeds", "batch", "chunk")
+        check_counts(self, "seed", least=-MOST - 1, most=MOST - self.seeds + 1)
 
     @property
     def threads(self) -> int:
         """Batches solved at the same time."""
         batches = -(-min(self.instances * self.seeds, self.chunk) // self.batch)
-        return min(max(1, len(os.sched_getaffinity(0)) // self.devices), batches)
+        return min(max(1, usable_cores() // self.devices), batches)
 
 
 def make_instances(

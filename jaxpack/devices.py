@@ -19,16 +19,15 @@ from jax.sharding import PartitionSpec as P
 
 from jaxpack.errors import UserError
 
+DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
+PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
+
 
 def usable_cores() -> int:
-    """Cores of the CPU that this process may use."""
+    """How many cores this process may use, at least 1; where nobody says, those of the machine."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
-PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
 
 
 def use_all_cores() -> None:
@@ -40,10 +39,10 @@ def use_all_cores() -> None:
     """
     told = "xla_force_host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
     told = told or "JAX_NUM_CPU_DEVICES" in os.environ or jax.distributed.is_initialized()
-    if told or not hasattr(os, "sched_getaffinity"):
+    if told:
         return
     with contextlib.suppress(RuntimeError):  # too late: somebody has used an array
-        jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+        jax.config.update("jax_num_cpu_devices", usable_cores())
 
 
 def join_processes(

@@ -24,6 +24,7 @@ from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.packing.instances import Cell
+from jaxpack.packing.selfcheck import check_device
 from jaxpack.solvers.brkga import BrkgaConfig
 from jaxpack.tables import print_table
 
@@ -140,6 +141,7 @@ def main(argv: Sequence[str]) -> None:
         breeding=options.search_generations,
         time_limit=options.time_limit,
     )
+    check_device()
     methods = {name: make_method(name, problem, settings) for name in names}
     if options.json and not options.json.absolute().parent.is_dir():
         raise UserError(f"--json {options.json}: its folder does not exist; make it first")

@@ -185,8 +185,10 @@ def _stacked(
     samples = min(SEED_SAMPLES, population // 4)
     each = jax.vmap(lambda key: jax.random.split(key, samples))(keys).reshape(-1)
     repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
-    drawn = draw(each, repeated).reshape(len(keys), samples, -1)
-    return jnp.concatenate([greedy(keys, instances)[:, None], drawn], 1)
+    best = greedy(keys, instances)[:, None]
+    if not samples:
+        return best
+    return jnp.concatenate([best, draw(each, repeated).reshape(len(keys), samples, -1)], 1)
 
 
 def _searching(options: MethodOptions, search: Search, rounds: int) -> Method:

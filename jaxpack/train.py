@@ -44,6 +44,7 @@ from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import MethodOptions, make_method
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.instances import Cell
+from jaxpack.packing.selfcheck import check_device
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
 
@@ -158,9 +159,6 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
             raise UserError("--resume takes no other option: the run folder holds them all")
         config = read_run(options.resume)
         return options.resume, config, _mesh(options, config)
-    for name in ("chunk", "checkpoint_every"):
-        if getattr(options, name) < 1:
-            raise UserError(f"--{name.replace('_', '-')} {getattr(options, name)}: give at least 1")
     recipe = make_recipe(options)
     config = RunConfig(
         options.preset,
@@ -287,6 +285,7 @@ def main(argv: Sequence[str]) -> None:
     options = parse_options(TrainOptions, "train", argv)
     join_processes(options.coordinator, options.process_id, options.num_processes)
     use_all_cores()
+    check_device()
     run, config, mesh = start_or_resume(options)
     console = Console(quiet=not is_first())
     with ExitStack() as stack:

@@ -147,7 +147,7 @@ BAD = [
     ("evaluate --brkga-population 2", "BRKGA population 2"),
     ("evaluate --run nowhere", "nowhere: no such run folder"),
     ("evaluate --run foreign", "foreign: not a run folder"),
-    ("evaluate --run damaged", "config.json: damaged, not JSON"),
+    ("evaluate --run damaged", "config.json: row 1, column 2: not JSON"),
     (
         "evaluate paper-3d --methods bin-aware --run r",
         "the policy given is for 2D, the problem is 3D",

@@ -128,6 +128,9 @@ def test_an_impossible_packing_never_becomes_a_row():
 def test_bad_comparisons_are_refused():
     with pytest.raises(UserError, match="batch 0"):
         Comparison(PAPER.problem, batch=0)
+    for seed, seeds in ((2**31, 1), (2**31 - 1, 2), (-(2**31) - 1, 1)):  # int32 would wrap
+        with pytest.raises(UserError, match=f"seed {seed}: give at"):
+            Comparison(PAPER.problem, seed=seed, seeds=seeds)
     with pytest.raises(UserError, match=r"larger than the bin \(4, 1, 4\)"):
         grid_cells(PAPER.problem, [10], [12, 4], [(1, 5)])
     with pytest.raises(UserError, match="unknown method"):

@@ -262,3 +262,20 @@ def test_packings_are_the_same_where_the_program_is_another(place, monkeypatch):
     count = {"a GPU": 18}.get(place, 19)
     plain = packer(problem)(*jax.tree.map(lambda leaf: leaf[:count], cases))
     assert_same(plain, jax.tree.map(lambda leaf: leaf[:count], whole))
+
+
+def test_what_is_no_single_instance_or_no_order_is_refused():
+    instances, orders = random_cases(SMALL_3D, seed=1, count=2, items=6)
+    one = jax.tree.map(itemgetter(0), instances)
+    for instance, order in (
+        (instances, orders),
+        (one, orders),
+        (one, orders[0][:5]),
+        (one, orders[0].astype(float)),
+        (one._replace(size=one.size[:, :2]), orders[0]),
+        (one._replace(size=one.size.astype(float)), orders[0]),
+        (one._replace(mask=one.mask[:4]), orders[0]),
+        (one._replace(bin=instances.bin), orders[0]),
+    ):
+        with pytest.raises(AssertionError):
+            pack(SMALL_3D, instance, order)

@@ -1,6 +1,7 @@
 """Where instances come from: the random ones, a user's table, and the rules they obey."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
@@ -86,6 +87,8 @@ def test_the_number_of_items_and_the_sides_may_be_traced():
         (40, 0, 5, "sides 0-5: a side is at least 1 cell"),
         (40, -1, 5, "sides -1-5"),
         (40, 5, 4, "sides 5-4: give the smaller side first"),
+        (40, 1, 2**40, "sides 1-1099511627776: no bin is longer than 1048576"),
+        (10**12, 1, 5, "items 1000000000000: .* at most 1048576"),
     ],
 )
 def test_a_distribution_refuses_what_it_cannot_draw(items, low, high, message):
@@ -144,7 +147,9 @@ def test_a_table_becomes_an_instance():
     flat = make_instance(PAPER_2D, [[2, 4], [5, 10]])
     assert flat.size.tolist() == [[2, 1, 4], [5, 1, 10]]
     assert make_instance(PAPER_2D, [[2, 1, 4], [5, 1, 10]]).size.tolist() == flat.size.tolist()
-    assert make_instance(PAPER_2D, np.array([[2.0, 4.0]])).size.tolist() == [[2, 1, 4]]
+    for dtype in (float, np.float16, np.uint64, np.int8, object):
+        assert make_instance(PAPER_2D, np.array([[2, 4]], dtype)).size.tolist() == [[2, 1, 4]]
+    assert make_instance(PAPER_2D, jnp.array([[2, 4]])).size.tolist() == [[2, 1, 4]]
 
 
 @pytest.mark.parametrize(
@@ -160,7 +165,28 @@ def test_a_table_becomes_an_instance():
         (PAPER_2D, [[float("inf"), 1]], "item 0: length inf is not a number"),
         (PAPER_2D, [["2", "x"]], "give whole numbers"),
         (PAPER_2D, [[None, 1]], "give whole numbers"),
-        (PAPER_2D, [[True, True]], "give whole numbers"),
+        (PAPER_2D, [[True, True]], "item 0: length True is not a number: give whole numbers"),
+        (PAPER_2D, np.array([[1, 2], [True, 2]], object), "item 1: length True is not a number"),
+        (PAPER_2D, [["2", "3"]], "item 0: length '2' is not a number: give whole numbers"),
+        (PAPER_3D, [[1, 2, 3], [1, 2, None]], "item 1: height None is not a number"),
+        (PAPER_2D, np.array([[b"2", b"3"]]), "item 0: length b'2' is not a number"),
+        (PAPER_2D, [[1, 2 + 0j]], "item 0: length .1\\+0j. is not a number"),
+        (PAPER_2D, np.array([[1, 2]], "m8[s]"), "item 0: length .* is not a number"),
+        (PAPER_2D, np.array([[1, 2]], "M8[s]"), "item 0: length .* is not a number"),
+        (PAPER_2D, np.zeros(2, "i4,i4"), "give one row of 2 sides per item"),
+        (PAPER_2D, [[1, 2], [1, 10**30]], r"item 1: height 1e\+30 is larger than the bin"),
+        (PAPER_2D, [[1, 10**400]], "item 0: height inf is not a number"),
+        (PAPER_2D, [[1, -(10**30)]], r"item 0: height -1e\+30 is not positive"),
+        (PAPER_2D, [[1, Fraction(5, 2)]], "item 0: height 2.5 is not whole"),
+        (PAPER_2D, np.array([[1, 2**64 - 1]], np.uint64), "item 0: height 18446744073709551615 is"),
+        (PAPER_2D, np.array([[1, np.nan]], np.float16), "item 0: height nan is not a number"),
+        (PAPER_2D, [[1, 1e300]], r"item 0: height 1e\+300 is larger than the bin"),
+        (PAPER_2D, np.zeros((0, 7)), "the instance has no items"),
+        (PAPER_2D, np.zeros((3, 0)), r"sizes of shape \(3, 0\): give one row of 2 sides"),
+        (PAPER_2D, 5, r"sizes of shape \(\): give one row of 2 sides"),
+        (PAPER_2D, None, r"sizes of shape \(\): give one row of 2 sides"),
+        (PAPER_2D, "ab", r"sizes of shape \(\): give one row of 2 sides"),
+        (PAPER_2D, np.ones((2, 2, 2)), r"sizes of shape \(2, 2, 2\): give one row of 2 sides"),
         (PAPER_2D, [[1, 2], [1, 11]], r"item 1: height 11 is larger than the bin \(10, 1, 10\)"),
         (PAPER_2D, [[1, 2, 3]], r"item 0: width 2 is larger than the bin \(10, 1, 10\)"),
         (PAPER_3D, [[1, 1, 4_000_000_000]], "item 0: height 4000000000 is larger than the bin"),

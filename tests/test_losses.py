@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+import pytest
 
 from jaxpack import (
     PointerConfig,
@@ -17,7 +18,7 @@ from jaxpack import (
     sample_order,
     score_order,
 )
-from jaxpack.learning.losses import actor_critic_losses
+from jaxpack.learning.losses import actor_critic_losses, leave_one_out
 
 PROBLEM = Problem(bin=(5, 1, 5))
 CONFIG = PointerConfig(hidden=8, critic=4)
@@ -84,3 +85,33 @@ def test_the_critic_learns_from_its_error_alone():
     np.testing.assert_array_equal(by_value, 0)
     by_cost = jax.grad(lambda c: sum(actor_critic_losses(jnp.ones(2), c, value)))(cost)
     np.testing.assert_array_equal(by_cost, 0)
+
+
+def test_a_critics_value_goes_for_all_samples_of_its_instance():
+    log_prob, cost = jnp.asarray([[-1.0, -2.0], [-3.0, -1.0]]), jnp.asarray([[1.0, 3], [2, 4]])
+    value = jnp.asarray([[2.0], [3.0]])
+    losses = actor_critic_losses(log_prob, cost, value)
+    # actor: mean of (-1)(-1), (1)(-2), (-1)(-3), (1)(-1); critic: every square is 1.
+    np.testing.assert_allclose(losses, (1 / 4, 1.0))
+    repeated = actor_critic_losses(log_prob, cost, jnp.broadcast_to(value, (2, 2)))
+    np.testing.assert_allclose(repeated, losses)
+    np.testing.assert_allclose(leave_one_out(cost), [[-2, 2], [-2, 2]])
+
+
+def test_shapes_and_types_that_would_broadcast_to_something_else_are_refused():
+    pairs, column, row = jnp.ones((3, 2)), jnp.ones((3, 1)), jnp.ones(3)
+    for log_prob, cost, value in (
+        (row, row, column),  # would be [3, 3]
+        (column, pairs, pairs),
+        (pairs, column, column),
+        (pairs, pairs, row),
+        (pairs, pairs, jnp.ones((1, 2))),
+        (pairs, pairs, jnp.ones((3, 3))),
+        (jnp.float32(1), jnp.float32(1), jnp.float32(1)),
+        (pairs, pairs.astype(int), column),
+    ):
+        with pytest.raises(AssertionError):
+            jax.eval_shape(actor_critic_losses, log_prob, cost, value)
+    for cost in (column, pairs.astype(int), jnp.float32(1)):
+        with pytest.raises(AssertionError):
+            leave_one_out(cost)

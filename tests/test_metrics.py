@@ -9,6 +9,7 @@ from cases import packer, random_cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jaxpack.errors import UserError
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.metrics import (
     bins_first_cost,
@@ -165,3 +166,110 @@ def test_bounds_and_the_oracles_means_on_random_packings():
         assert c[case] == pytest.approx(oracle.compactness(bin, sizes, *found))
         assert p[case] == pytest.approx(oracle.pyramid(bin, sizes, *found))
         assert bins[case] == oracle.bins_used(found[0])
+
+
+MANY = 50
+ALL = jax.jit(
+    lambda instance, packing: {
+        "bins": bins_used(packing),
+        "compactness": compactness(instance, packing),
+        "pyramid": pyramid(packing),
+        "utilisation": utilisation(instance, packing),
+        "bound": lower_bound(instance),
+    }
+)
+
+
+def large_bins():
+    """Bins up to the limits: height below 2^15 - 1, plane up to 2^20, volume below 2^31 cells."""
+    lengths = st.sampled_from([1, 2, 300, 1000, 1 << 20]) | st.integers(1, 1 << 20)
+    shapes = st.tuples(lengths, st.integers(1, 2000), st.integers(1, 32_766))
+
+    def within(bin):
+        length, width, height = bin
+        width = min(width, (1 << 20) // length)
+        return length, width, min(height, (2**31 - 1) // (length * width))
+
+    return shapes.map(within)
+
+
+@settings(max_examples=150, deadline=None)
+@given(large_bins(), st.data())
+def test_figures_of_large_bins_are_those_of_pythons_integers(bin, data):
+    Problem(bin=bin)  # not refused
+    length, width, height = bin
+    whole, plane = length * width * height, length * width
+    top = st.integers(1, height)
+    used = data.draw(st.integers(1, MANY))
+    slots = []
+    for _ in range(used):
+        highest = data.draw(st.just(height) | top)
+        shadow = data.draw(st.just(plane * highest) | st.integers(highest, plane * highest))
+        slots.append((data.draw(st.just(shadow) | st.integers(1, shadow)), highest, shadow))
+    side = [st.just(most) | st.integers(1, most) for most in bin]
+    sizes = data.draw(st.lists(st.tuples(*side), min_size=MANY, max_size=MANY))
+    mask = np.array(data.draw(st.lists(st.booleans(), min_size=MANY, max_size=MANY)))
+    columns = np.zeros((3, MANY), np.int32)
+    columns[:, :used] = np.array(slots).T
+    packing = Packing(np.zeros(MANY, np.int32), np.zeros((MANY, 3), np.int32), *columns)
+    found = ALL(Instance(np.array(sizes, np.int32), mask, np.array(bin, np.int32)), packing)
+    volume = sum(int(np.prod(size, dtype=object)) for size in np.array(sizes)[mask].tolist())
+    assert int(found["bound"]) == -(-volume // whole)
+    assert int(found["bins"]) == used
+    for name, expected in (
+        ("compactness", sum(v / (plane * highest) for v, highest, _ in slots) / used),
+        ("pyramid", sum(v / shadow for v, _, shadow in slots) / used),
+        ("utilisation", sum(v for v, _, _ in slots) / (used * whole)),
+    ):
+        assert float(found[name]) == pytest.approx(expected, rel=1e-5)
+        assert 0 < float(found[name]) <= 1 + 1e-6
+
+
+@given(st.tuples(*[st.sampled_from([1, 300, 1024, 1025, 20_000, 32_766, 1 << 40])] * 3))
+def test_a_bin_is_right_or_refused_by_name(bin):
+    length, width, height = bin
+    named = {
+        "height": height >= 32_767,
+        "length times width": length * width > 1 << 20,
+        "volume": length * width * height >= 2**31,
+    }
+    if not any(named.values()):
+        Problem(bin=bin)
+        return
+    with pytest.raises(UserError, match=r"too many cells, its .* use a coarser grid") as caught:
+        Problem(bin=bin)
+    assert any(f"its {name} is" in str(caught.value) for name, broken in named.items() if broken)
+
+
+@pytest.mark.parametrize(
+    ("bin", "sizes"),
+    [
+        ((300, 300, 23_860), [(300, 300, 12_000), (299, 300, 11_860), (300, 300, 24_000 - 200)]),
+        ((1024, 1024, 2047), [(1024, 1024, 2000), (1024, 700, 47), (1000, 1000, 40)]),
+        ((2, 1, 32_766), [(2, 1, 32_766), (1, 1, 32_765), (2, 1, 1)]),
+    ],
+)
+def test_packings_of_large_items_have_their_figures(bin, sizes):
+    problem = Problem(bin=bin)
+    instance, packing = jax.jit(lambda: packed(problem, np.array(sizes)))()
+    assert (packing.bin >= 0).all()
+    volumes = np.zeros(len(sizes), object)
+    for (length, width, height), slot in zip(sizes, np.asarray(packing.bin), strict=True):
+        volumes[slot] += length * width * height
+    assert packing.volume.tolist() == volumes.tolist()
+    found, whole = ALL(instance, packing), bin[0] * bin[1] * bin[2]
+    assert float(found["utilisation"]) == pytest.approx(
+        sum(volumes) / (whole * len({*packing.bin.tolist()})), rel=1e-5
+    )
+    assert int(found["bound"]) == -(-sum(volumes) // whole)
+    assert 0 < float(found["compactness"]) <= float(found["pyramid"]) <= 1
+
+
+def test_figures_of_many_large_bins():
+    problem, count = Problem(bin=(1000, 1, 1000)), 3000
+    instance = make_instance(problem, np.full((count, 2), 1000))
+    full = [np.full(count, cells, np.int32) for cells in (1_000_000, 1000, 1_000_000)]
+    packing = Packing(np.arange(count), np.zeros((count, 3), np.int32), *full)
+    found = {name: float(value) for name, value in ALL(instance, packing).items()}
+    ones = dict.fromkeys(("compactness", "pyramid", "utilisation"), pytest.approx(1, rel=1e-5))
+    assert found == {"bins": count, "bound": count} | ones

@@ -268,7 +268,7 @@ def test_bad_run_folders_are_refused(tmp_path, uninterrupted):
         create_run(tmp_path / "foreign", CONFIG)
     config = tmp_path / "foreign" / "config.json"
     for text, message in (
-        ("{", "damaged, not JSON"),
+        ("{", r"config\.json: row 1, column 2: not JSON"),
         ("[1]", "expected a table of options"),
         ('{"preset": "x"}', "option 'seed' is missing"),
         ('{"colour": "red"}', "option"),

@@ -98,3 +98,29 @@ def test_a_file_that_cannot_be_used_is_one_error(tmp_path):
     used = pytest.raises(UserError, match="another process is at it")
     with open_sweep(tmp_path / "s", {}), used, open_sweep(tmp_path / "s", {}):
         pass
+
+
+def test_what_is_no_sweep_is_refused_by_name_and_left_as_it_is(tmp_path):
+    good = {"method": "x", "cell": 0, "count": 2, "seconds": 0.5, "sums": {"bins": [3, 4]}}
+    lines = [
+        good | wrong
+        for wrong in (
+            {"count": "2"}, {"count": 0}, {"count": 1.5}, {"count": True}, {"cell": "a"},
+            {"cell": []}, {"seconds": None}, {"seconds": float("nan")}, {"sums": 3},
+            {"sums": {"bins": [1]}}, {"sums": {"bins": "ab"}}, {"sums": {"bins": [1.0, 2]}},
+        )
+    ]  # fmt: skip
+    texts = [b'{"seed": 0}\n' + json.dumps(line).encode() + b"\n" for line in lines]
+    texts += [b"a note without an end", b"\xff\xfe\n", b"[" * 100_000 + b"\n", b'{"seed": 1}\nx']
+    file = tmp_path / "s"
+    for text in texts:
+        file.write_bytes(text)
+        refused = pytest.raises(UserError, match=f"--sweep {file}: ")
+        with refused as caught, open_sweep(file, {"seed": 0}):
+            pass
+        assert "\n" not in str(caught.value)
+        assert file.read_bytes() == text
+    file.write_text('{"see')  # killed in its first line
+    with open_sweep(file, {"seed": 0}) as sweep:
+        sweep.recall(good)
+    assert file.read_text() == '{"seed": 0}\n'

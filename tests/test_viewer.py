@@ -9,6 +9,7 @@ import shutil
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 from playwright.sync_api import sync_playwright
 
 from jaxpack.files import pictures
@@ -241,12 +242,14 @@ def test_the_page_has_no_address_to_fetch_from(tmp_path):
 @pytest.fixture
 def figures(monkeypatch):
     """The figures that were written."""
-    kept = []
-    monkeypatch.setattr(pictures.plt, "close", kept.append)
-    yield kept
-    monkeypatch.undo()
-    for figure in kept:
-        pictures.plt.close(figure)
+    kept, save = [], Figure.savefig
+
+    def keep(figure, *arguments, **options):
+        kept.append(figure)
+        save(figure, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return kept
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

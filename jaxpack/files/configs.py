@@ -1,11 +1,13 @@
 """Frozen dataclasses as JSON and back, checked."""
 
+import math
 import types
 import typing
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any, TypeVar
 
 from jaxpack.errors import UserError
+from jaxpack.loading.numbers import fault, show
 
 T = TypeVar("T")
 
@@ -20,40 +22,54 @@ def config_from_dict(cls: type[T], data: Any, where: str = "config") -> T:
 
     An option that is not there has its default: what an older version wrote stays readable.
 
+    Args:
+        where: what the message begins with, such as the file's name.
+
     Raises:
         UserError: naming the first key that is unknown, of the wrong kind, or missing and needed.
     """
     assert is_dataclass(cls)
     if not isinstance(data, dict):
-        raise UserError(f"{where}: expected a table of options, found {data!r}")
+        raise fault(where, f"expected a table of options, found {show(data)}")
     hints = typing.get_type_hints(cls)
     names = {field.name for field in fields(cls)}
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}
     if wrong := sorted((needed - data.keys()) | (data.keys() - names)):
         kind = "missing" if wrong[0] in names else "unknown"
-        raise UserError(f"{where}: option '{wrong[0]}' is {kind}; is it of another version?")
-    return cls(**{name: _value(hints[name], data[name], f"{where}.{name}") for name in data})
+        raise fault(where, f"option {show(wrong[0])} is {kind}; is it of another version?")
+    values = {name: _value(hints[name], data[name], f"{where}.{name}") for name in data}
+    try:
+        return cls(**values)
+    except UserError as error:  # the dataclass's own rules, which do not know the file
+        raise fault(where, str(error)[:300]) from error
 
 
 def _value(hint: Any, value: Any, where: str) -> Any:
-    if is_dataclass(hint):
-        return config_from_dict(typing.cast(type, hint), value, where)
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        if value is None:
+        if value is None and types.NoneType in typing.get_args(hint):
             return None
         hint = _arm(hint, value)
-        if is_dataclass(hint):
-            return config_from_dict(typing.cast(type, hint), value, where)
-    if typing.get_origin(hint) is tuple and isinstance(value, list | tuple):
-        kind = typing.get_args(hint)[0]
-        return tuple(_value(kind, item, f"{where}[{i}]") for i, item in enumerate(value))
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if isinstance(hint, type) and (
-        not isinstance(value, hint) or isinstance(value, bool) != (hint is bool)
-    ):
-        raise UserError(f"{where}: {value!r} is not of type {hint.__name__}")
+    if is_dataclass(hint):
+        return config_from_dict(typing.cast(type, hint), value, where)
+    if typing.get_origin(hint) is tuple:
+        return _tuple(typing.get_args(hint), value, where)
+    if hint is float and type(value) is int and abs(value) < 2**53:
+        value = float(value)
+    if type(value) is not hint or (hint is float and not math.isfinite(value)):
+        raise fault(where, f"{show(value)} is not of type {hint.__name__}")
     return value
+
+
+def _tuple(kinds: tuple[Any, ...], value: Any, where: str) -> tuple:
+    """`kinds`: of each member, or of all and an ellipsis."""
+    if not isinstance(value, list | tuple):
+        raise fault(where, f"{show(value)} is not a list")
+    if kinds[-1] is Ellipsis:
+        kinds = kinds[:1] * len(value)
+    if len(value) != len(kinds):
+        raise fault(where, f"{show(value)} has {len(value)} members, not {len(kinds)}")
+    members = enumerate(zip(kinds, value, strict=True))
+    return tuple(_value(kind, member, f"{where}[{i}]") for i, (kind, member) in members)
 
 
 def _arm(union: Any, value: Any) -> Any:

@@ -6,22 +6,19 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from jax.typing import ArrayLike
-from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from jaxpack.files.atomic import replace_file
+from jaxpack.files.colours import COLOURS, item_colours
 from jaxpack.loading.figures import fill
 from jaxpack.loading.job import Job, Plan
 from jaxpack.packing.problem import Instance, Packing
 
 MOST_BINS = 30  # in one picture of a plan
 PER_ROW = 5
-COLOURS = plt.get_cmap("tab20").colors  # type: ignore[attr-defined]
 VIEWER = np.array([1, -1, 1])  # the signs of the direction in which the viewer of a solid bin is
 
 
@@ -36,15 +33,10 @@ def draw_packings(path: Path, instance: Instance, packings: Sequence[tuple[str, 
     room = np.asarray(instance.bin)
     flat = bool(room[1] == 1)
     size, mask = np.asarray(instance.size), np.asarray(instance.mask)
-    colours = plt.get_cmap("tab20")(np.linspace(0, 1, len(size)))
+    colours = matplotlib.colormaps["tab20"](np.linspace(0, 1, len(size)))
     columns = max(int(np.asarray(packing.bin).max()) + 1 for _, packing in packings)
-    figure, axes = plt.subplots(
-        len(packings),
-        columns,
-        figsize=(2.1 * columns + 0.8, 2.1 * len(packings) + 0.3),
-        squeeze=False,
-        subplot_kw={} if flat else {"projection": "3d"},
-        layout="constrained",
+    figure, axes = _panels(
+        len(packings), columns, (2.1 * columns + 0.8, 2.1 * len(packings) + 0.3), flat
     )
     for row, (label, packing) in zip(axes, packings, strict=True):
         bins, corner = np.asarray(packing.bin), np.asarray(packing.position)
@@ -65,7 +57,6 @@ def draw_packings(path: Path, instance: Instance, packings: Sequence[tuple[str, 
             row[0].text2D(-0.1, 0.5, text, transform=row[0].transAxes, rotation=90, va="center")
     with replace_file(path, "wb") as file:
         figure.savefig(file, format="png", dpi=110)
-    plt.close(figure)
 
 
 def write_png(path: Path, job: Job, plan: Plan) -> None:
@@ -81,14 +72,7 @@ def write_png(path: Path, job: Job, plan: Plan) -> None:
     legend = used if len(job.items) <= len(COLOURS) else []  # where a colour stands for one type
     entries = max(2, columns)  # of the legend in a line
     height = 2.5 * rows + 0.2 * math.ceil(len(legend) / entries) + 0.4
-    figure, axes = plt.subplots(
-        rows,
-        columns,
-        figsize=(max(4.0, 2.4 * columns), height),
-        squeeze=False,
-        subplot_kw={} if flat else {"projection": "3d"},
-        layout="constrained",
-    )
+    figure, axes = _panels(rows, columns, (max(4.0, 2.4 * columns), height), flat)
     colours = np.array(item_colours(job))
     for axis in axes.flat[len(bins) :]:
         axis.set_axis_off()
@@ -122,12 +106,15 @@ def write_png(path: Path, job: Job, plan: Plan) -> None:
             line.set_parse_math(False)
     with replace_file(path, "wb") as file:
         figure.savefig(file, format="png", dpi=110)
-    plt.close(figure)
 
 
-def item_colours(job: Job) -> list[str]:
-    """A colour per item type, as #rrggbb; they repeat where there are more types than colours."""
-    return [to_hex(COLOURS[index % len(COLOURS)]) for index in range(len(job.items))]
+def _panels(
+    rows: int, columns: int, inches: tuple[float, float], flat: bool
+) -> tuple[Figure, np.ndarray]:
+    """A figure of its own, which pyplot, its windows and its backend know nothing of."""
+    figure = Figure(figsize=inches, layout="constrained")
+    kind = {} if flat else {"projection": "3d"}
+    return figure, figure.subplots(rows, columns, squeeze=False, subplot_kw=kind)
 
 
 def _short(name: str) -> str:

@@ -1,6 +1,7 @@
 """Run folders: everything a training run leaves behind, and what it needs to go on.
 
-    RUN/config.json      the recipe, the seed, the preset's name; locked by who trains
+    RUN/config.json      the recipe, the seed, the preset's name
+    RUN/.lock            held by who trains
     RUN/metrics.jsonl    a line per chunk of updates and per validation
     RUN/checkpoints/N/   the state after N updates and the best policy so far (orbax)
     RUN/table.json, table.txt, packing.png   the end of the run
@@ -9,7 +10,6 @@ A folder appears with its config in it or not at all; a checkpoint likewise. Kil
 moment, or out of disk, a run loses what it did since its last checkpoint and nothing else.
 """
 
-import fcntl
 import json
 import os
 import re
@@ -17,7 +17,7 @@ import shutil
 import tempfile
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,13 +30,16 @@ from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
 from jaxpack.devices import data_mesh, on_all
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.locks import held
+from jaxpack.files.texts import read_json
 from jaxpack.files.weights import fits_recipe, load_policy
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import TrainState, init_state
+from jaxpack.loading.numbers import fault
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,11 @@ class RunConfig:
     train: TrainConfig
     chunk: int = 50  # updates per dispatch and per line of metrics.jsonl, at most
     checkpoint_every: int = 500  # updates between validations and checkpoints, at least
-    start_from: str = (
-        ""  # the policy whose weights it begins with, for `load_policy`; or fresh ones
-    )
+    start_from: str = ""  # the policy whose weights it begins with, or none: fresh ones
+
+    def __post_init__(self) -> None:
+        check_counts(self, "seed", least=-MOST - 1)
+        check_counts(self, "chunk", "checkpoint_every")
 
 
 class Best(NamedTuple):
@@ -135,34 +140,23 @@ def read_run(path: Path) -> RunConfig:
         raise UserError(
             f"{path}: not a run folder, it has no config.json; name one that train made"
         )
-    try:
-        data = json.loads(file.read_text())
-    except ValueError as error:
-        raise UserError(f"{file}: damaged, not JSON ({error}); train again") from error
-    return config_from_dict(RunConfig, data, str(file))
+    return config_from_dict(RunConfig, read_json(file), str(file))
 
 
 @contextmanager
 def lock_run(run: Path) -> Iterator[None]:
     """Keeps every other process from training in `run` meanwhile.
 
-    The lock is the kernel's and goes with the process that held it, however that ended. It is on
-    config.json, which nothing replaces.
-
     Raises:
         UserError: where another process has it, or the folder may not be written.
     """
-    try:
-        file = open(run / "config.json", "r+")  # noqa: SIM115, closed below; NFS locks what it may write
-    except OSError as error:
-        raise _unwritable(run, run / "config.json", str(error.strerror)) from error
-    with file:
+    file = run / ".lock"
+    in_use = f"{run}: another process is training this run; wait for its end or stop it first"
+    with ExitStack() as stack:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(
-                f"{run}: another process is training this run; wait for its end or stop it first"
-            ) from None
+            stack.enter_context(held(file, in_use))
+        except OSError as error:
+            raise _unwritable(run, file, str(error.strerror)) from error
         yield
 
 
@@ -314,16 +308,27 @@ def append_line(run: Path, record: dict[str, Any]) -> None:
 
 
 def read_lines(run: Path) -> list[dict[str, Any]]:
-    """The whole lines of metrics.jsonl; a last one that a kill cut short is left out."""
+    """The whole lines of metrics.jsonl; a last one that a kill cut short is left out.
+
+    Raises:
+        UserError: naming the first line that is no record, or where the file cannot be read.
+    """
     file = run / "metrics.jsonl"
     if not file.exists():
         return []
+    try:
+        lines = file.read_bytes().split(b"\n")[:-1]
+    except OSError as error:
+        raise fault(file, f"cannot be read ({error.strerror}); allow it") from error
     records = []
-    for line in file.read_text().splitlines():
+    for row, line in enumerate(lines, 1):
         try:
-            records.append(json.loads(line))
-        except ValueError:
-            break
+            record = json.loads(line)
+            if type(record["update"]) is not int:
+                raise TypeError("'update' is no whole number")
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise fault(file, f"row {row}", "not a record of a run; delete that line") from error
+        records.append(record)
     return records
 
 

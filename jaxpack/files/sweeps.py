@@ -7,18 +7,19 @@ Chunks follow each other, so what is done is a count. Killed at any moment, a sw
 chunk it was at.
 """
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from jaxpack.errors import UserError
+from jaxpack.files.locks import held
 
 UNIT = 2**40  # sums are whole numbers of 1 / UNIT: exact, and so the same in any order
 
@@ -81,10 +82,19 @@ class Sweep:
         self._done[method, cell] = self.done(method, cell).plus(part)
 
     def recall(self, record: dict[str, Any]) -> None:
-        """A line of the file, put where `add` put it."""
+        """A line of the file, put where `add` put it.
+
+        Raises:
+            ValueError, KeyError, TypeError, AttributeError: where it is none.
+        """
         sums = {name: (first, second) for name, (first, second) in record["sums"].items()}
         part = Tally(record["count"], record["seconds"], sums)
         at = record["method"], record["cell"]
+        numbers = [part.count, at[1], *chain(*sums.values())]
+        if any(type(number) is not int for number in numbers) or part.count < 1:
+            raise ValueError("sums and counts are whole numbers")
+        if not isinstance(part.seconds, float | int) or not 0 <= part.seconds < float("inf"):
+            raise ValueError("seconds are a number")
         self._done[at] = self.done(*at).plus(part)
 
 
@@ -111,33 +121,43 @@ def open_sweep(path: Path, options: dict[str, Any]) -> Iterator[Sweep]:
     Raises:
         UserError: where the file is of other options, damaged, in use, or cannot be opened.
     """
-    try:
-        file = open(path, "a+")  # noqa: SIM115, closed below
-    except OSError as error:
-        raise UserError(f"--sweep {path}: {error.strerror}; name another file") from error
-    with file:
+    in_use = f"--sweep {path}: another process is at it; wait for its end"
+    with ExitStack() as stack:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(f"--sweep {path}: another process is at it; wait for its end") from None
-        file.seek(0)
-        # A last line without its end is one that a kill cut short.
-        whole = file.read().rpartition("\n")[0]
-        file.truncate(len(whole.encode()) + 1 if whole else 0)
-        sweep = Sweep(file)
-        try:
-            records = [json.loads(line) for line in whole.splitlines()]
-            header = dict(records[0]) if records else None
-            for record in records[1:]:
-                sweep.recall(record)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise UserError(f"--sweep {path}: not a sweep's file; name another") from error
-        if header is None:
-            write_line(file, options)
-        elif header != options:
+            file = stack.enter_context(open(path, "a+", encoding="utf-8", newline="\n"))
+            stack.enter_context(held(path.with_name(f".{path.name}.lock"), in_use))
+        except OSError as error:
+            raise UserError(f"--sweep {path}: {error.strerror}; name another file") from error
+        header, end = _recalled(sweep := Sweep(file), file, path, options)
+        if header is not None and header != options:
             name = next(k for k in header | options if header.get(k) != options.get(k))
             raise UserError(
                 f"--sweep {path}: was begun with {name} {header.get(name)}, not "
                 f"{options.get(name)}; give the same options or name another file"
             )
+        file.truncate(end)
+        if header is None:
+            write_line(file, options)
         yield sweep
+
+
+def _recalled(
+    sweep: Sweep, file: IO[str], path: Path, options: dict[str, Any]
+) -> tuple[dict[str, Any] | None, int]:
+    """(the file's first line, bytes up to the end of its last whole one); the others are recalled.
+
+    A last line without its end is one that a kill cut short.
+    """
+    file.seek(0)
+    try:
+        whole, _, torn = file.read().rpartition("\n")
+        lines = whole.split("\n") if whole else []
+        records = [json.loads(line) for line in lines]
+        header = dict(records[0]) if records else None
+        for record in records[1:]:
+            sweep.recall(record)
+        if not records and not json.dumps(options).startswith(torn):
+            raise ValueError
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise UserError(f"--sweep {path}: not a sweep's file; name another") from error
+    return header, len(whole.encode()) + 1 if whole else 0

@@ -12,7 +12,7 @@ from typing import Any
 from plotly.offline import get_plotlyjs
 
 from jaxpack.files.atomic import replace_file
-from jaxpack.files.pictures import item_colours
+from jaxpack.files.colours import item_colours
 from jaxpack.loading.figures import fill
 from jaxpack.loading.job import Job, PackedBin, Plan
 

@@ -4,7 +4,7 @@ Both are plain data. Loading never unpickles: nothing in a file is executed.
 """
 
 import json
-import zipfile
+import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,11 @@ import numpy as np
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import replace_file
 from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.files.texts import read_json
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import Policy, TrainConfig
+from jaxpack.loading.numbers import fault
 
 
 def shipped_policies() -> list[str]:
@@ -37,7 +39,7 @@ def load_policy(name: str) -> Policy:
     """
     if name in shipped_policies():
         path = Path(str(resources.files("jaxpack") / "weights" / f"{name}.npz"))
-    elif name.endswith(".npz") and Path(name).exists():
+    elif name.endswith(".npz") and os.path.exists(name):  # False for what can be no name
         path = Path(name)
     else:
         raise UserError(
@@ -57,7 +59,7 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
 
 
 def fits_recipe(config: TrainConfig, params: Params) -> bool:
-    """Whether `params` have the names and shapes that `config` gives."""
+    """Whether `params` have the names, shapes and dtypes that `config` gives."""
     return not _differing(_expected(config), _by_name(params))
 
 
@@ -73,24 +75,27 @@ def _by_name(params: Params) -> dict[str, Any]:
 
 
 def _differing(expected: Params, found: dict[str, Any]) -> list[str]:
-    """Names whose arrays are missing, too many or of another shape."""
-    wanted = {name: leaf.shape for name, leaf in _by_name(expected).items()}
-    shapes = {name: np.shape(value) for name, value in found.items()}
-    return sorted(k for k in wanted.keys() | shapes.keys() if wanted.get(k) != shapes.get(k))
+    """Names whose arrays are missing, too many or of another kind."""
+    wanted = {name: (leaf.shape, leaf.dtype) for name, leaf in _by_name(expected).items()}
+    kinds = {name: (leaf.shape, leaf.dtype) for name, leaf in found.items()}
+    return sorted(k for k in wanted.keys() | kinds.keys() if wanted.get(k) != kinds.get(k))
 
 
 def _read(path: Path) -> Policy:
     try:
-        record = json.loads(path.with_suffix(".json").read_text())
-        config = config_from_dict(TrainConfig, record["config"])
+        record = read_json(path.with_suffix(".json"))
+        config = config_from_dict(TrainConfig, record["config"], f"{path.with_suffix('.json')}")
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            flat = {name: jnp.asarray(archive[name]) for name in archive.files}
-    except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(f"{path}: not a policy, or damaged ({error}); fetch it again") from error
-    expected = _expected(config)
-    if names := _differing(expected, flat):
-        raise UserError(f"{path}: its weights do not match its config ({names[0]}); retrain it")
-    leaves = [flat[name] for name in _by_name(expected)]
+            flat = {name: archive[name] for name in archive.files}
+        expected = _expected(config)
+        if names := _differing(expected, flat):
+            raise fault(path, f"its weights do not match its config ({names[0]}); retrain it")
+        if not all(np.isfinite(leaf).all() for leaf in flat.values()):
+            raise fault(path, "a weight is not a finite number; retrain it")
+    except UserError:
+        raise
+    except Exception as error:  # of many kinds: those of zipfile, zlib, tokenize, NumPy, ...
+        reason = str(error).split("\n")[0][:120] or type(error).__name__
+        raise fault(path, f"not a policy, or damaged ({reason}); fetch it again") from error
+    leaves = [jnp.asarray(flat[name]) for name in _by_name(expected)]
     return Policy(config, jax.tree.unflatten(jax.tree.structure(expected), leaves))

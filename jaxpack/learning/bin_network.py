@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.errors import UserError
+from jaxpack.errors import UserError, check_counts
 from jaxpack.learning.bin_aware import BinState, Candidates, Kinds, candidates
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.packing.problem import Problem
@@ -38,8 +38,7 @@ class BinAwareConfig:
     def __post_init__(self) -> None:
         if not self.placement and (self.surroundings or self.stock):
             raise UserError("surroundings and stock belong to a placement: leave it in")
-        if self.hidden < 1:
-            raise UserError(f"hidden {self.hidden}: give at least 1")
+        check_counts(self, "hidden", most=1 << 16)
         if not self.temperature > 0:
             raise UserError(f"temperature {self.temperature}: give more than 0")
         if self.attention < 0 or (self.attention and self.hidden % self.attention):

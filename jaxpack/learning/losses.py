@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -21,11 +22,19 @@ def actor_critic_losses(log_prob: Array, cost: Array, value: Array) -> Losses:
     critic: mean of (R - V)^2, in which R is a constant.
 
     Args:
-        log_prob: float32 [B, S], log-probability of each sampled order; or any other shape.
-        cost: float32 of the same shape, R of Eq. (9).
-        value: float32, the baseline V: the critic's [B, 1], or one for every order. It has to
-            broadcast to that shape.
+        log_prob: float32 [B, S] or [B], log-probability of each sampled order.
+        cost: float32, the same shape: R of Eq. (9).
+        value: float32, the same shape, or [B, 1]: the critic's V, which no sample changes.
+
+    Raises:
+        AssertionError: where ranks, shapes or dtypes are others. While tracing; it costs no run.
     """
+    chex.assert_type([log_prob, cost, value], float)
+    chex.assert_rank([log_prob, cost, value], {1, 2})
+    chex.assert_equal_rank([log_prob, cost, value])
+    chex.assert_equal_shape([log_prob, cost])
+    chex.assert_equal_shape_prefix([cost, value], 1)
+    chex.assert_is_broadcastable(value.shape, cost.shape)
     cost = jax.lax.stop_gradient(cost)
     advantage = jax.lax.stop_gradient(cost - value)
     return Losses(actor=jnp.mean(advantage * log_prob), critic=jnp.mean((cost - value) ** 2))
@@ -42,6 +51,11 @@ def leave_one_out(cost: Array) -> Array:
 
     Returns:
         float32 [..., S].
+
+    Raises:
+        AssertionError: where S is less or the dtype another.
     """
+    chex.assert_type(cost, float)
+    chex.assert_axis_dimension_gteq(cost, -1, 2)
     samples = cost.shape[-1]
     return (cost - cost.mean(-1, keepdims=True)) * (samples / (samples - 1))

@@ -6,6 +6,8 @@ packs with the bin-aware policy alone does not import Flax.
 
 from dataclasses import dataclass
 
+from jaxpack.errors import UserError, check_counts
+
 Params = dict
 """Nested dict of float32 arrays."""
 
@@ -20,3 +22,8 @@ class PointerConfig:
     hidden: int = 64  # D: encoder channels, GRU state, attention
     critic: int = 20  # channels of the critic's own layers
     input_scale: float = 4.0  # what a side as long as the bin's is to the network
+
+    def __post_init__(self) -> None:
+        check_counts(self, "hidden", "critic", most=1 << 16)
+        if not self.input_scale > 0:
+            raise UserError(f"input_scale {self.input_scale}: give more than 0")

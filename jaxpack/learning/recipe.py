@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from jax import Array
 
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.policies import Network
@@ -46,13 +46,14 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         self.distribution.check_fits(self.problem.bin)
-        for name in ("train_instances", "valid_instances", "batch", "epochs", "samples"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} {getattr(self, name)}: give at least 1")
+        check_counts(self, "train_instances", "valid_instances", "batch", "epochs")
+        check_counts(self, "samples", most=1 << 16)
         if self.batch > self.train_instances:
             raise UserError(
                 f"batch {self.batch} is larger than train_instances {self.train_instances}"
             )
+        if self.updates > MOST:
+            raise UserError(f"epochs {self.epochs}: give at most {MOST // self.updates_per_epoch}")
         if not self.learning_rate > 0:
             raise UserError(f"learning_rate {self.learning_rate}: give a positive rate")
         for name in ("entropy", "clip"):
@@ -74,6 +75,8 @@ class TrainConfig:
             raise UserError(
                 "credit 'bin': it goes with the bin-aware policy, objective bins, leave-one-out"
             )
+        for cell in self.others:
+            cell.distribution.check_fits(self.problem.resized(cell.bin, 1).bin)
 
     @property
     def updates_per_epoch(self) -> int:

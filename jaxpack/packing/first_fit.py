@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +71,14 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         problem: the static rules.
         instance: one instance of N items.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
+
+    Raises:
+        AssertionError: where ranks, shapes or dtypes are others; a batch takes `vmap`.
     """
+    chex.assert_type([instance.size, instance.bin, order], int)
+    chex.assert_shape(instance.bin, (3,))
+    chex.assert_shape([instance.mask, order], (len(instance.size),))
+    chex.assert_shape(instance.size, (None, 3))
     one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
     packing = _batched(problem)(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)

@@ -9,7 +9,10 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxpack.errors import UserError
-from jaxpack.packing.problem import Instance, Problem
+from jaxpack.packing.problem import MOST_CELLS, Instance, Problem, check_bin
+
+MOST_ITEMS = 1 << 20
+"""Of an instance that is drawn."""
 
 TURNS: dict[str, tuple[tuple[int, ...], ...]] = {
     "fixed": ((0, 1, 2),),
@@ -31,12 +34,16 @@ class Distribution:
     def __post_init__(self) -> None:
         if self.turns not in TURNS:
             raise UserError(f"turns '{self.turns}': choose {' or '.join(TURNS)}")
-        if self.items < 1:
-            raise UserError(f"items {self.items}: an instance needs at least 1 item")
+        if not 1 <= self.items <= MOST_ITEMS:
+            raise UserError(
+                f"items {self.items}: an instance needs at least 1 item, and at most {MOST_ITEMS}"
+            )
         if self.low < 1:
             raise UserError(f"sides {self.low}-{self.high}: a side is at least 1 cell")
         if self.high < self.low:
             raise UserError(f"sides {self.low}-{self.high}: give the smaller side first")
+        if self.high > MOST_CELLS:
+            raise UserError(f"sides {self.low}-{self.high}: no bin is longer than {MOST_CELLS}")
 
     def kinds(self, problem: Problem) -> int:
         """K: the most distinct sizes that an instance can have."""
@@ -58,6 +65,9 @@ class Cell:
 
     bin: tuple[int, int, int]
     distribution: Distribution
+
+    def __post_init__(self) -> None:
+        check_bin(self.bin)
 
 
 def uniform_instance(

@@ -3,6 +3,7 @@
 Every function takes one instance and its packing and returns a scalar; batch them with vmap.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -27,14 +28,28 @@ def pyramid(packing: Packing) -> Array:
 
 def utilisation(instance: Instance, packing: Packing) -> Array:
     """Packed volume / volume of the used bins: float32. Unlike C it sees the space on top."""
-    capacity = bins_used(packing) * instance.bin.prod()
-    return packing.volume.sum() / jnp.maximum(capacity, 1)
+    # Of whole numbers below 2^24 float32 makes exact sums; those of many bins are beyond int32.
+    capacity = bins_used(packing).astype(jnp.float32) * instance.bin.prod()
+    return packing.volume.astype(jnp.float32).sum() / jnp.maximum(capacity, 1)
 
 
 def lower_bound(instance: Instance) -> Array:
-    """ceil(total volume / bin volume): int32, no packing uses fewer bins."""
-    volume = jnp.where(instance.mask, instance.size.prod(-1), 0).sum()
-    return -(-volume // instance.bin.prod())
+    """ceil(total volume / bin volume): int32, no packing uses fewer bins. Exact at any size.
+
+    Of an item larger than the bin only what is within the bin's sides counts.
+    """
+    inside = jnp.minimum(instance.size, instance.bin).prod(-1)
+    volume = jnp.where(instance.mask, inside, 0).astype(jnp.uint32)
+    capacity = instance.bin.prod().astype(jnp.uint32)
+
+    def add(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+        """(full bins, what is left over, at most a bin): the sum of both is within uint32."""
+        full, left = one[0] + other[0], one[1] + other[1]
+        return full + (left > capacity), jnp.where(left > capacity, left - capacity, left)
+
+    sums = jax.lax.associative_scan(add, (jnp.zeros_like(volume, jnp.int32), volume))
+    full, left = (column[-1] for column in sums)
+    return full + (left > 0)
 
 
 def paper_cost(

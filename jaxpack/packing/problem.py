@@ -15,8 +15,11 @@ Lengths are whole cells. 2D is 3D with ``W = 1``: an item is ``(l, 1, h)``. A bi
 of N places for the bins of a packing: N items never need more than N bins.
 """
 
+import reprlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from numbers import Real
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -25,6 +28,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxpack.errors import UserError
+
+MOST_CELLS = 1 << 20
+"""Of a height map."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +51,9 @@ class Problem:
     inclusive: bool = True
 
     def __post_init__(self) -> None:
-        if not _whole_sides(self.bin, 3):
-            raise UserError(f"bin {self.bin}: give three whole sides of at least 1 cell")
+        check_bin(self.bin)
         if self.largest is not None and not _whole_sides(self.largest, 2):
             raise UserError(f"largest {self.largest}: give a whole length and width, or None")
-        if self.bin[2] >= np.iinfo(np.int16).max or self.bin[0] * self.bin[1] > 1 << 20:
-            raise UserError(f"bin {self.bin}: too many cells for a height map, use a coarser grid")
         if not 0 <= self.support <= 1:
             raise UserError(f"support {self.support}: give a share from 0 to 1")
 
@@ -115,6 +118,9 @@ def in_orientation(instance: Instance, orientation: Array) -> Instance:
     return instance._replace(size=chosen, turned=None)
 
 
+SIDES = ("length", "width", "height")
+
+
 class Packing(NamedTuple):
     """Where every item went, and what the metrics need to know of every bin."""
 
@@ -125,12 +131,51 @@ class Packing(NamedTuple):
     shadow: Array  # int32[N], cells: sum of the height map of each bin slot
 
 
+def check_bin(bin: tuple[int, ...]) -> None:
+    """Raises UserError where `bin` is not (L, W, H) in cells of which this package can keep count.
+
+    Heights are below 2^15 - 1, the plane has at most 2^20 cells, and the volume is below 2^31: what
+    is summed up over a bin (volumes, the height map) is then within int32.
+    """
+    if not _whole_sides(bin, 3):
+        raise UserError(f"bin {bin}: give three whole sides of at least 1 cell")
+    length, width, height = bin
+    for name, cells, most in (
+        ("height", height, np.iinfo(np.int16).max - 1),
+        ("length times width", length * width, MOST_CELLS),
+        ("volume", length * width * height, np.iinfo(np.int32).max),
+    ):
+        if cells > most:
+            raise UserError(
+                f"bin {bin}: too many cells, its {name} is {cells:,} and may be at most "
+                f"{most:,}; use a coarser grid"
+            )
+
+
 def _whole_sides(sides: object, count: int) -> bool:
     return (
         isinstance(sides, tuple)
         and len(sides) == count
-        and all(isinstance(side, int) and side >= 1 for side in sides)
+        and all(type(side) is int and side >= 1 for side in sides)
     )
+
+
+def _numbers(table: np.ndarray, axes: Sequence[int]) -> np.ndarray:
+    """The table as integers or floats. UserError naming the first item that is something else."""
+    if table.dtype.kind in "iuf":
+        return table
+    numbers = np.empty(table.shape)
+    for (item, column), value in np.ndenumerate(table.astype(object)):
+        if isinstance(value, bool) or not isinstance(value, Real):
+            raise UserError(
+                f"item {item}: {SIDES[axes[column]]} {reprlib.repr(value)} is not a number: give "
+                "whole numbers of cells"
+            )
+        try:
+            numbers[item, column] = value
+        except OverflowError:
+            numbers[item, column] = np.inf
+    return numbers
 
 
 def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
@@ -147,18 +192,15 @@ def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
         table = np.asarray(sizes)
     except ValueError:
         raise UserError("sizes: the rows are not all of the same length") from None
-    if table.size == 0:
+    if len(np.atleast_1d(table)) == 0:
         raise UserError("the instance has no items: give at least one")
     columns = len(problem.axes)
     if table.ndim != 2 or table.shape[1] not in (3, columns):
         raise UserError(f"sizes of shape {table.shape}: give one row of {columns} sides per item")
-    if not np.issubdtype(table.dtype, np.number) or np.iscomplexobj(table):
-        raise UserError(f"sizes of type {table.dtype}: give whole numbers")
-    if table.shape[1] == 3:
-        full = table
-    else:
-        full = np.ones((len(table), 3), table.dtype)
-        full[:, list(problem.axes)] = table
+    axes = range(3) if table.shape[1] == 3 else problem.axes
+    numbers = _numbers(table, axes)
+    full = np.ones((len(table), 3), numbers.dtype)
+    full[:, list(axes)] = numbers
     rules = (
         (~np.isfinite(full), "is not a number: give whole cells"),
         (full != np.round(full), "is not whole: round up to the grid's cells"),
@@ -168,8 +210,7 @@ def make_instance(problem: Problem, sizes: ArrayLike) -> Instance:
     for broken, complaint in rules:
         if broken.any():
             item, axis = np.argwhere(broken)[0]
-            side = ("length", "width", "height")[axis]
-            raise UserError(f"item {item}: {side} {full[item, axis]} {complaint}")
+            raise UserError(f"item {item}: {SIDES[axis]} {full[item, axis]} {complaint}")
     if (full[:, :2] > problem.window).any():
         item = int(np.argwhere((full[:, :2] > problem.window).any(1))[0, 0])
         raise UserError(

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.errors import UserError
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.search import Draw, Objective, Search, better, pack_orders
 
@@ -44,7 +45,12 @@ def bin_by_bin(
         draw: orders of what is left, such as a policy's samples.
         width: W, partial packings kept per instance.
         draws: M, orders drawn for each of them and round.
+
+    Raises:
+        UserError: where one of these is less than 1.
     """
+    if width < 1 or draws < 1:
+        raise UserError(f"width {width}, draws {draws}: give at least 1 of each")
 
     def start(keys: Array, instances: Instance) -> Beams:
         batch, items = instances.mask.shape

@@ -77,8 +77,8 @@ def genetic(
         mesh: for use within `split_batch` of it, all inputs whole: the packings of a generation are
             shared out among its devices.
         objective: the cost to minimise, `bins_first_cost` or the paper's `paper_cost`.
-        seeds: (keys [B], instances) -> int32 [B, K, N], orders to start from, such as the sorts; K
-            at most the population.
+        seeds: (keys [B], instances) -> int32 [B, K, N], orders to start from, such as the sorts; of
+            more than the population the first ones.
     """
 
     costs = partial(_costs, problem, objective, mesh)
@@ -133,6 +133,7 @@ def _first_generation(
     start_key, key = jax.random.split(key)
     genes = _fresh(start_key, config.population, instance)
     if seeds is not None:
+        seeds = seeds[: config.population]
         genes = genes.at[: seeds.shape[0]].set(jax.vmap(keys_of)(seeds))
     return _best_first(key, genes, costs(instance, genes))
 

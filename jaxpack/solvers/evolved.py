@@ -38,9 +38,12 @@ def evolved(
     def join(
         instances: Instance, found: Any, bred: tuple[Population, Array]
     ) -> tuple[Any, tuple[Population, Array]]:
-        """The finds take the place of the worst individuals, in front where they are better."""
+        """The finds take the place of the worst individuals, in front where they are better.
+
+        Never that of the best one: of a population too small for all finds the first ones join.
+        """
         population, mask = bred
-        orders = finds(found)[:, : population.cost.shape[1]]
+        orders = finds(found)[:, : population.cost.shape[1] - 1]
         count = orders.shape[1]
         genes = population.genes.at[:, -count:].set(jax.vmap(jax.vmap(keys_of))(orders))
         cost = population.cost.at[:, -count:].set(jax.vmap(judged)(instances, orders))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.errors import UserError
 from jaxpack.packing.problem import Instance, Problem
 from jaxpack.solvers.search import Draw, Objective, Search, better, pack_orders, run_rounds
 
@@ -22,19 +23,24 @@ class Sampled(NamedTuple):
 def sampling(
     problem: Problem, draw: Draw, objective: Objective, chunk: int, samples: int | None = None
 ) -> Search:
-    """Draws `chunk` orders per instance and round and keeps the best.
+    """Draws `chunk` orders per instance and round; keeps the best, the items' own order included.
 
     Sample i is drawn from fold_in(key, i) and nothing else, so more samples are never worse and
     `chunk` does not change the answer.
 
     Args:
         samples: after so many further ones do not count; None: they all do.
+
+    Raises:
+        UserError: where `chunk` is less than 1.
     """
+    if chunk < 1:
+        raise UserError(f"samples {chunk}: draw at least 1")
 
     def start(keys: Array, instances: Instance) -> Sampled:
-        batch, items = instances.mask.shape
-        order = jnp.broadcast_to(jnp.arange(items, dtype=jnp.int32), (batch, items))
-        return Sampled(keys, jnp.int32(0), jnp.full(batch, jnp.inf), order)
+        order = jnp.argsort(~instances.mask, axis=1, stable=True).astype(jnp.int32)
+        packings = pack_orders(problem, instances, order)
+        return Sampled(keys, jnp.int32(0), jax.vmap(objective)(instances, packings), order)
 
     def advance(instances: Instance, state: Sampled) -> Sampled:
         batch, items = instances.mask.shape
@@ -76,4 +82,11 @@ def best_of(
         int32 [B, N], the best orders.
     """
     search = sampling(problem, draw, objective, min(chunk, samples), samples)
+
+    def start(keys: Array, instances: Instance) -> Sampled:
+        """Anything drawn is better."""
+        order = jnp.zeros(instances.mask.shape, jnp.int32)
+        return Sampled(keys, jnp.int32(0), jnp.full(len(keys), jnp.inf), order)
+
+    search = search._replace(start=start)
     return run_rounds(search, keys, instances, -(-samples // min(chunk, samples)))
