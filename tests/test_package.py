@@ -31,9 +31,9 @@ def run(*arguments):
     ("lines", "allowed"),
     [
         ("import jaxpack; jaxpack.__version__; dir(jaxpack)", set()),
-        ("import jaxpack; jaxpack.Job, jaxpack.UserError", set()),
+        ("import jaxpack; jaxpack.Job, jaxpack.UserError", {"numpy"}),
         ("import jaxpack; jaxpack.pack", {"numpy", "jax"}),
-        (f"import jaxpack; assert {SOLVE}.figures.bins == 1", {"numpy", "jax"}),
+        (f"import jaxpack; assert {SOLVE}.figures.bins == 1", {"numpy"}),
     ],
 )
 def test_nothing_is_imported_before_it_is_needed(lines, allowed):
@@ -89,7 +89,7 @@ def test_solve_can_be_called_whatever_was_imported_first(tmp_path):
         "        try:\n"
         f"            solve({TINY}, {TINY}, seed=-1)\n"
         "        except names['jaxpack'].UserError as error:\n"
-        "            assert str(error).startswith('seed -1'), error\n"
+        "            assert str(error).startswith('seed: -1'), error\n"
         "    assert callable(names['main']), lines\n"
         "print('done')\n"
     )

@@ -10,14 +10,16 @@ of billionths: `exact` of a number of a job is what it stands for, to the last d
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeVar
 
+import numpy as np
+
 from jaxpack.errors import UserError
-from jaxpack.loading.exact import DIGITS, clean, cut, decimals, exact
+from jaxpack.loading.exact import DIGITS, clean, cut, decimals, exact, whole
 from jaxpack.loading.numbers import as_size, as_weight, as_whole, fault, show
 
 FINEST = 2**30
@@ -124,10 +126,8 @@ class Job:
         Any that make no more units of a side of a bin than `FINEST`, and no position of more than
         the digits that are read.
         """
-        sides = set(self.lengths())
         longest = exact(max(max(kind.size) for kind in self.bins))
-        places = decimals(sides)
-        unit = self.unit
+        unit, places = _common_unit(self.lengths())
         if longest / unit <= FINEST and longest * 10**places < 10**DIGITS:
             return None
         return max(n for n in range(places + 1) if longest * 10**n <= FINEST)
@@ -142,12 +142,10 @@ class Job:
         for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
             yield from (size[axis] for axis in self.axes)
 
-    @property
+    @cached_property
     def unit(self) -> Fraction:
         """The largest length of which every side is a whole multiple."""
-        sides = [exact(side) for side in set(self.lengths())]
-        scale = math.lcm(*(side.denominator for side in sides))
-        return Fraction(math.gcd(*(int(side * scale) for side in sides)), scale)
+        return _common_unit(self.lengths())[0]
 
     @cached_property
     def count(self) -> int:
@@ -161,6 +159,18 @@ class Job:
         It is as soon as one of the bins has a cost: those without cost their volume.
         """
         return any(kind.cost is not None for kind in self.bins)
+
+
+def _common_unit(lengths: Iterable[float]) -> tuple[Fraction, int]:
+    """The largest length that all are multiples of, and how many decimals they have at most."""
+    different = np.array(sorted(set(lengths)))
+    try:
+        sides, places = whole(different)
+        common = int(np.gcd.reduce(sides))
+    except OverflowError:  # more digits than can be kept
+        places = decimals(different.tolist())
+        common = math.gcd(*(int(exact(side) * 10**places) for side in different.tolist()))
+    return Fraction(common, 10**places), places
 
 
 def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:

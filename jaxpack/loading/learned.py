@@ -22,6 +22,7 @@ CELLS = {2: range(8, 21), 3: range(6, 9)}
 """Dimension -> how many cells an axis may be cut into."""
 SHAPES = (64, 256, 1024)
 """Numbers of items, and of kinds, that a program is compiled for: few, it takes seconds."""
+STREAM = 1 << 30  # of the draws
 TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are different orders
 
 draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_orders)
@@ -48,7 +49,8 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     )
     network = policy.config.policy
     assert isinstance(network, BinAwareConfig)
-    keys = jax.random.split(jax.random.key(seed), LANES)
+    # Not among the keys that the search, which starts from the same seed, splits from its own.
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), STREAM), LANES)
     order, turn = draw(
         problem, network, policy.params, instances, keys, kinds=kinds, temperature=TEMPERATURE
     )
