@@ -35,8 +35,8 @@ def check_plan(job: Job, plan: Plan, support: float = 0.5, inclusive: bool = Fal
         plan: bins, each with its items in loading order. Positions count to the 13th digit of the
             bin's longest side; one that misses a whole number of the job's units by less than
             1e-12 of that side is on it.
-        support: share of an item's base that has to lie on what is directly under it, to four
-            digits. With 0 any touch is enough.
+        support: share of an item's base that has to lie on what is directly under it. With 0
+            any touch is enough.
         inclusive: exactly that share is enough; otherwise it has to be more, or all of it.
 
     Raises:

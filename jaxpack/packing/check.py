@@ -57,14 +57,14 @@ class Finding(NamedTuple):
 
 
 def share_of(support: float) -> Fraction:
-    """The share of a base that is asked for, to four digits: 0.3333 and 1 / 3 are a third.
+    """The share of a base that is asked for: the decimal of 13 digits that it shows.
 
     Raises:
         UserError: it is not from 0 to 1.
     """
     if not 0 <= support <= 1:
         raise UserError(f"support {support}: give a share of the base, 0 to 1")
-    return Fraction(support).limit_denominator(10_000)
+    return Fraction(f"{support:.13g}")
 
 
 def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Finding]:
@@ -105,15 +105,10 @@ def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Find
         lifted[floating].tolist(), ranked.highest_below(lifted[floating]).tolist(), strict=True
     ):
         yield Finding(Rule.FLOATING, row, other)
-    inclusive = inclusive or support == 1
-    # Whole multiples of the denominator apart: base * numerator may not fit 64 bits.
-    scaled = base % support.denominator * support.numerator
-    enough = base // support.denominator * support.numerator + scaled // support.denominator
-    exactly = scaled % support.denominator == 0
-    short = (area < enough) | ((area == enough) & ~(exactly & inclusive))
-    for at in np.flatnonzero(short & ~floating).tolist():
+    for at in np.flatnonzero((area < base) & ~floating).tolist():
         share = Fraction(int(area[at]), int(base[at]))
-        yield Finding(Rule.SUPPORT, int(lifted[at]), share=share)
+        if share < support or (share == support and not inclusive):
+            yield Finding(Rule.SUPPORT, int(lifted[at]), share=share)
 
 
 def _supported(boxes: Boxes, ranked: "_Ranked", rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,13 @@
 """Is a packing of the grid possible? An independent check that shares no code with the kernel."""
 
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import islice
 
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxpack.packing.check import Boxes, Rule, misplaced, share_of
+from jaxpack.packing.check import Boxes, Rule, misplaced
 from jaxpack.packing.problem import Instance, Packing, Problem
 
 CHUNK = 1 << 18  # items checked at a time: bounds the memory
@@ -87,7 +88,7 @@ def _broken_rules(
     low = corner[instance, item].astype(np.int64)
     high = low + size[instance, item]
     boxes = Boxes(instance * len(names) + number, low, high, room[instance].astype(np.int64))
-    support, inclusive = share_of(problem.support), problem.inclusive
+    support, inclusive = Fraction(problem.support).limit_denominator(10_000), problem.inclusive
     broken = {rule: np.zeros(packed.shape, bool) for rule in Rule}
     for found in misplaced(boxes, support, inclusive):
         broken[found.rule][instance[found.row], item[found.row]] = True
