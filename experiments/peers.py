@@ -35,8 +35,8 @@ from rows import RESULTS, read_rows, write_rows
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
-from jaxpack.loading.exact import common_scale, exact
 from jaxpack.loading.bounds import bounds
+from jaxpack.loading.exact import common_scale, exact
 from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.loading.learned import policy_genes
 from jaxpack.loading.local_search import AS_GIVEN, exchange, fresh_lanes

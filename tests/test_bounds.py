@@ -185,6 +185,14 @@ def test_weights_of_several_bins():
     assert bounds(Job((ItemType((1, 1, 1), 6, weight=40),), bins)).cost == 30
 
 
+@pytest.mark.parametrize(("light", "bins"), [(1e-9, 2), (0, 1)])
+def test_a_weight_that_is_a_billionth_too_much(light, bins):
+    """1e9 + 1e-9 is 1e9 in floats."""
+    box = BinType((2, 2, 2), max_weight=1e9)
+    items = (ItemType((1, 1, 1), weight=1e9), ItemType((1, 1, 1), weight=light))
+    assert bounds(Job(items, (box,))).bins == bins
+
+
 def test_what_is_out_of_stock_holds_nothing():
     job = Job(
         (ItemType((5, 5, 5)), ItemType((2, 2, 2), 3)),
