@@ -107,9 +107,9 @@ def test_bounds_are_never_above_the_optimum_and_mostly_reach_it(seed):
 
 
 def pieces(rng, box, number, axes):
-    """A box of whole sides sawn into so many, straight through."""
+    """A box of whole sides sawn so many times, straight through what is long enough."""
     parts = [box]
-    while len(parts) < number:
+    for _ in range(number):
         part = parts.pop(rng.randrange(len(parts)))
         axis = rng.choice(axes)
         if part[axis] == 1:
