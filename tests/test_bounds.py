@@ -107,9 +107,9 @@ def test_bounds_are_never_above_the_optimum_and_mostly_reach_it(seed):
 
 
 def pieces(rng, box, number, axes):
-    """A box of whole sides sawn into so many, straight through."""
+    """A box of whole sides sawn so many times, straight through what is long enough."""
     parts = [box]
-    while len(parts) < number:
+    for _ in range(number):
         part = parts.pop(rng.randrange(len(parts)))
         axis = rng.choice(axes)
         if part[axis] == 1:
@@ -183,6 +183,14 @@ def test_weights_of_several_bins():
     found = bounds(job)
     assert (found.bins, found.cost) == (1, 35)
     assert bounds(Job((ItemType((1, 1, 1), 6, weight=40),), bins)).cost == 30
+
+
+@pytest.mark.parametrize(("light", "bins"), [(1e-9, 2), (0, 1)])
+def test_a_weight_that_is_a_billionth_too_much(light, bins):
+    """1e9 + 1e-9 is 1e9 in floats."""
+    box = BinType((2, 2, 2), max_weight=1e9)
+    items = (ItemType((1, 1, 1), weight=1e9), ItemType((1, 1, 1), weight=light))
+    assert bounds(Job(items, (box,))).bins == bins
 
 
 def test_what_is_out_of_stock_holds_nothing():

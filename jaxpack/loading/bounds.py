@@ -99,7 +99,10 @@ def volume_bound(job: Job) -> int:
 
 
 def weight_bound(job: Job) -> int:
-    """The same for weights, and that two above half the limit share no bin; 0 without a limit."""
+    """The same for the weight, and that two items above half the limit share no bin.
+
+    0 if no bin has a limit.
+    """
     return _by_weight(goods_of(job))
 
 

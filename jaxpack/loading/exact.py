@@ -60,11 +60,10 @@ def whole(numbers: np.ndarray) -> tuple[np.ndarray, int]:
         scaled = np.rint(numbers * 10.0**places)
         if (scaled / 10.0**places == numbers).all():
             return scaled.astype(np.int64), places
-    places = decimals(numbers.ravel().tolist())
-    known = {n: int(exact(n) * 10**places) for n in set(numbers.ravel().tolist())}
-    return np.array([known[n] for n in numbers.ravel().tolist()], np.int64).reshape(
-        numbers.shape
-    ), places
+    flat = numbers.ravel().tolist()
+    places = decimals(flat)
+    known = {number: int(exact(number) * 10**places) for number in set(flat)}
+    return np.array([known[number] for number in flat], np.int64).reshape(numbers.shape), places
 
 
 def _text(number: float) -> str:
