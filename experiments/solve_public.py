@@ -1,6 +1,6 @@
 """Public instances through the solver, each with so many seconds.
 
-python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--seconds 10] [--only TEXT]
+python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--inclusive] [--seconds 10] [--only TEXT]
     [--data FOLDER]
 
 Adds a row per instance to results/solve-SET-support-S.csv; instances that have one are left out,
@@ -55,13 +55,14 @@ def main() -> None:
     parser.add_argument("set", choices=("2bp", "mpv", "ivancic"))
     add_data_option(parser)
     parser.add_argument("--support", type=float, default=0.5)
+    parser.add_argument("--inclusive", action="store_true", help="exactly that share is enough")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--no-policy", dest="policy", action="store_false")
     parser.add_argument("--only", default="", help="instances whose name has this in it")
     options = parser.parse_args()
-    without = "" if options.policy else "-no-policy"
-    path = RESULTS / f"solve-{options.set}-support-{options.support:g}{without}.csv"
+    how = "-inclusive" * options.inclusive + "-no-policy" * (not options.policy)
+    path = RESULTS / f"solve-{options.set}-support-{options.support:g}{how}.csv"
     # Where the time went into compiling, the instance is done again.
     rows: list[dict] = [row for row in read_rows(path) if not compiled(row)]
     done = {row["instance"] for row in rows}
@@ -69,7 +70,11 @@ def main() -> None:
         if job.name in done or options.only not in job.name:
             continue
         settings = SolveOptions(
-            options.seconds, options.seed, options.support, policy=options.policy
+            options.seconds,
+            options.seed,
+            options.support,
+            options.inclusive,
+            policy=options.policy,
         )
         began = time.perf_counter()
         found = solve_job(job, settings)

@@ -99,6 +99,15 @@ def test_a_search_goes_on_without_it(number, monkeypatch):
     assert taken[0].process.wait(10) == -number
 
 
+def test_where_there_can_be_no_process_a_search_goes_on_alone(monkeypatch):
+    monkeypatch.setattr(background, "_waiting", [])
+    for executable in ("", "/no/such/interpreter"):
+        monkeypatch.setattr(sys, "executable", executable)
+        found = solve_job(JOB, SolveOptions(0.5))
+        assert found.packings > 1
+        assert found.end == End.UNREADY
+
+
 def test_searches_side_by_side_have_a_process_each():
     one, other = borrow(), borrow()
     assert one is not other

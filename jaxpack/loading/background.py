@@ -28,6 +28,13 @@ class SearchProcess:
     """One process; of those that are not in use, see `borrow`."""
 
     def __init__(self) -> None:
+        """Starts it.
+
+        Raises:
+            OSError: there is no interpreter to run it with, or no room for it.
+        """
+        if not sys.executable:
+            raise FileNotFoundError("an embedded interpreter has no program of its own")
         root = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
         environment = os.environ | {"PYTHONPATH": path, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
@@ -143,7 +150,11 @@ _lock = threading.Lock()
 
 
 def borrow() -> SearchProcess:
-    """A process that nobody uses, or a new one."""
+    """A process that nobody uses, or a new one.
+
+    Raises:
+        OSError: there can be none.
+    """
     with _lock:
         while _waiting:
             process = _waiting.pop()

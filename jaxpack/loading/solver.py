@@ -161,7 +161,11 @@ class _Searches:
         if self.ready or self.late():
             yield from self._quickly(best, self.late)
             return
-        process = borrow()
+        try:
+            process = borrow()
+        except OSError:  # an embedded interpreter, or no room for another process
+            yield from self._quickly(best, self.late)
+            return
         try:
             yield from self._beside(process, best)
         finally:
