@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import psutil
 import pytest
 
@@ -18,8 +19,9 @@ from jaxpack.loading.solver import End, SolveOptions, improve, solve_job
 from jaxpack.loading.stock import lane_genes, load_job
 from jaxpack.loading.validate import check_plan
 
-# Nine where a bound says eight: the search goes on for as long as it may.
-JOB = Job((ItemType((4.0, 4.0, 4.0), 70), ItemType((5.0, 3.0, 2.0), 9)), (BinType((10.0,) * 3),))
+# Seven bins where the bound says six: the search goes on for as long as it may.
+SIZES = np.random.default_rng(0).integers(3, 8, (24, 3)).tolist()
+JOB = Job(tuple(ItemType(tuple(size)) for size in SIZES), (BinType((10.0,) * 3),))
 ANSWER = 200.0  # seconds in which a busy machine has compiled it
 
 
@@ -48,6 +50,7 @@ def test_it_answers_each_search_and_waits_for_the_next(process):
         loading = ask(process, seconds=ANSWER, seed=seed)
         found = process.next(ANSWER)
         assert found.packings >= 8
+        assert len(set(found.bin.tolist())) >= 6
         assert (found.bin >= 0).all()
         assert len(found.bin) == len(loading.items) == len(found.genes.order)
         process.end()
@@ -137,8 +140,8 @@ def test_the_end_of_time_is_the_end_of_work():
 SCRIPT = """
 import jaxpack
 from jaxpack.loading import background
-items = {"X": [4], "Y": [4], "Z": [4], "COPIES": [70]}
-jaxpack.solve(items, {"X": [10], "Y": [10], "Z": [10]}, time_limit=1)
+items = [dict(zip("XYZ", size)) for size in %s]
+jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
 print(background._waiting[0].process.pid, flush=True)
 """
 
@@ -146,7 +149,7 @@ print(background._waiting[0].process.pid, flush=True)
 @pytest.mark.parametrize("killed", [False, True])
 def test_nobody_waits_for_it_and_it_does_not_stay(killed, tmp_path):
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
-    script = SCRIPT + "import time; time.sleep(1000)" * killed
+    script = SCRIPT % SIZES + "import time; time.sleep(1000)" * killed
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", script], env=environment, **pipes) as running:
         pid = int(running.stdout.readline())

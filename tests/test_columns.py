@@ -26,7 +26,7 @@ NEAR_BINS = [
 @pytest.mark.parametrize(("name", "meant"), NEAR)
 def test_a_near_miss_of_a_column_of_items_names_the_right_one(tmp_path, name, meant):
     items = f"X,Y,Z,{name}\n3,4,5,6\n"
-    what = f"row 1: column {name.upper()} is not known: is {meant} meant?"
+    what = f"row 1: column {name.upper()} is not known; is {meant} meant?"
     assert_refused(lambda: read(tmp_path, items, BINS_3D), "items.csv: ", what, "--ignore")
     (job,) = read(tmp_path, items, BINS_3D, ignore=[name.lower()])
     assert (job.items[0].copies, job.items[0].weight) == (1, 0)
@@ -35,7 +35,7 @@ def test_a_near_miss_of_a_column_of_items_names_the_right_one(tmp_path, name, me
 @pytest.mark.parametrize(("name", "meant"), NEAR_BINS)
 def test_a_near_miss_of_a_column_of_bins_names_the_right_one(tmp_path, name, meant):
     bins = f"X,Y,Z,{name}\n9,9,9,6\n"
-    what = f"row 1: column {name.upper()} is not known: is {meant} meant?"
+    what = f"row 1: column {name.upper()} is not known; is {meant} meant?"
     assert_refused(lambda: read(tmp_path, ITEMS, bins), "bins.csv: ", what)
     (job,) = read(tmp_path, ITEMS, bins, ignore=[name])
     kind = job.bins[0]

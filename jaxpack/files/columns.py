@@ -228,8 +228,8 @@ def _check_misnamed(table: Table, name: str, kind: Kind, dimension: int) -> None
             return
         meant = close[0]
     if meant not in table.columns:
-        advice = f"rename it, or leave it out of account with --ignore {show(name)}"
-        raise fault(table.header, f"column {name} is not known: is {meant} meant?", advice)
+        advice = f"Rename it, or leave it out of account with --ignore {show(name)}"
+        raise fault(table.header, f"column {name} is not known; is {meant} meant? {advice}")
 
 
 def same_unit(items: Understood, bins: Understood, say: Say) -> Fraction:

@@ -124,7 +124,7 @@ def _unfit(job: Job, unfit: list[int], skipped: bool) -> str:
     if any(_holds(first, way, kind.size) for way in first.orientations for kind in rooms):
         wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
     advice = scale_hint(job) or unfit_hint(job, unfit[0])
-    advice += "" if skipped else ", or leave such items out with --skip-unfit"
+    advice += "" if skipped else "; or leave such items out with --skip-unfit"
     return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
 
 
