@@ -15,6 +15,8 @@ from typing import IO, Any
 from jaxpack.loading.requests import DONE, STOP, Found, Request
 from jaxpack.loading.stock import Genes
 
+KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
+
 
 def main() -> None:
     """Serves requests from standard input until it ends."""
@@ -25,15 +27,20 @@ def main() -> None:
     told: list[bool] = []  # of everything that comes in, whether it is a request
     Thread(target=_receive, args=(sys.stdin.buffer, requests, told), daemon=True).start()
 
-    from jaxpack.cli import prepare_jax  # JAX: a second to import
+    import jax  # a second, in which requests are received
+
+    from jaxpack.cli import prepare_jax
 
     prepare_jax()
-    handled = 0
+    handled = served = 0
     while (message := requests.get()) is not None:
         handled += 1
         if message == STOP:
             continue
         if not any(told[handled:]):  # it compiles, though it may be told to stop by now
+            served += 1
+            if served % KEPT == 0:
+                jax.clear_caches()
             _serve(message, replies, lambda: len(told) == handled)  # noqa: B023
         _send(replies, DONE)
 
