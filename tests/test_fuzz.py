@@ -8,9 +8,11 @@ import io
 import json
 import random
 import resource
+import signal
 import tempfile
 import time
 import zipfile
+from contextlib import contextmanager
 from pathlib import Path
 
 import openpyxl
@@ -173,11 +175,28 @@ def most_memory():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
+@contextmanager
+def stopped_after(seconds):
+    """Stops what has computed for longer than that: a reader that never ends is a failure too."""
+
+    def stop(signum, frame):
+        raise TimeoutError(f"computed for more than {seconds} s")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
 def read_mutations(folder, numbers):
     before = most_memory()
     for number in numbers:
         begun = time.process_time()
-        jobs = read_mutation(folder, number)
+        with stopped_after(5 * SECONDS):
+            jobs = read_mutation(folder, number)
         assert time.process_time() - begun < SECONDS, number
         for job in jobs if isinstance(jobs, list) else ():
             assert 1 <= job.count <= 100_000, number

@@ -181,6 +181,18 @@ def test_bad_workbooks(tmp_path):
     assert_refused(lambda: read_job(path, bins), "a.xlsx: too large when it is unpacked")
 
 
+def test_a_workbook_of_billions_of_rows(tmp_path):
+    path = workbook(tmp_path, ("a", FLAT))
+    with zipfile.ZipFile(path) as parts:
+        contents = {name: parts.read(name) for name in parts.namelist()}
+    sheet = "xl/worksheets/sheet1.xml"
+    contents[sheet] = contents[sheet].replace(b'<row r="4"', b'<row r="4000000000"')
+    with zipfile.ZipFile(path, "w") as parts:
+        for name, data in contents.items():
+            parts.writestr(name, data)
+    assert_refused(lambda: read_job(path, path), "items.xlsx: more than 250,000 rows: split it")
+
+
 def test_a_workbook_without_what_reads_it(tmp_path, monkeypatch):
     original = builtins.__import__
 

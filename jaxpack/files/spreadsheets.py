@@ -48,7 +48,7 @@ def read_table(path: Path, say: Say = silent) -> Table:
     columns: tuple[str, ...] = ()
     header = ""
     lines: list[tuple[int, Sequence[Any]]] = []
-    for number, cells in rows:
+    for number, cells in _bounded(path, rows):
         if not any(map(_filled, cells)):
             continue
         if not header:
@@ -58,13 +58,21 @@ def read_table(path: Path, say: Say = silent) -> Table:
         if len(cells) != len(columns):
             cells = _fitted(path, number, cells, len(columns))
         lines.append((number, cells))
-        if len(lines) > MOST_ROWS:
-            raise fault(path, f"more than {MOST_ROWS:,} rows: split it")
     if not header:
         raise fault(path, "no header: name the columns in the first row")
     if separator not in ("", ","):
         say(note(path, f"read with {SEPARATORS[separator]} between the fields"))
     return Table(str(path), header, columns, lines, local=separator != ",")
+
+
+def _bounded(
+    path: Path, rows: Iterable[tuple[int, Sequence[Any]]]
+) -> Iterator[tuple[int, Sequence[Any]]]:
+    """The rows; UserError if there are too many, blank ones included."""
+    for number, cells in rows:
+        if number > MOST_ROWS:
+            raise fault(path, f"more than {MOST_ROWS:,} rows: split it")
+        yield number, cells
 
 
 def _filled(cell: object) -> bool:
@@ -140,7 +148,8 @@ def _workbook_rows(path: Path, say: Say) -> Iterator[tuple[int, Sequence[Any]]]:
             book = openpyxl.load_workbook(data, read_only=True, data_only=True, keep_links=False)
             for sheet in book.worksheets:
                 sheet.reset_dimensions()  # what it says of its size may be wrong
-                rows = enumerate(sheet.iter_rows(values_only=True), 1)
+                # A row may say that it is the last of billions, the others are empty then.
+                rows = _bounded(path, enumerate(sheet.iter_rows(values_only=True), 1))
                 for first in rows:
                     if any(_filled(cell) for cell in first[1]):
                         if len(book.worksheets) > 1:
