@@ -1,7 +1,7 @@
 """Public instances through the solver, each with so many seconds.
 
-python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--inclusive] [--seconds 10] [--only TEXT]
-    [--data FOLDER]
+python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--inclusive] [--seconds 10]
+    [--only TEXT] [--data FOLDER]
 
 Adds a row per instance to results/solve-SET-support-S.csv; instances that have one are left out,
 so that it goes on where it was stopped. Every plan has passed the check.

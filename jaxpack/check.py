@@ -13,9 +13,10 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
+from jaxpack.files.certificates import read_certificate
 from jaxpack.files.notes import Say
 from jaxpack.files.packing_plans import is_packing_plans, read_packing_plans
-from jaxpack.files.plans import read_certificate, read_plan_json
+from jaxpack.files.plans import read_plan_json
 from jaxpack.files.tables import write_table
 from jaxpack.files.texts import json_line, json_lines, write_text
 from jaxpack.loading.job import MOST_ITEMS, Job, Plan

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from jaxpack.errors import UserError
+from jaxpack.files.certificates import write_certificate
 from jaxpack.files.jobs import job_from_columns, read_job
 from jaxpack.files.notes import Say, silent
-from jaxpack.files.plans import write_certificate, write_plan_json, write_steps
+from jaxpack.files.plans import write_plan_json
+from jaxpack.files.steps import write_steps
 from jaxpack.loading.bounds import Bounds, gap
 from jaxpack.loading.figures import PlanFigures, plan_figures
 from jaxpack.loading.job import Job, Plan

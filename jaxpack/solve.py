@@ -18,8 +18,8 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
+from jaxpack.files.bed_bpp import write_bed_bpp
 from jaxpack.files.notes import Say
-from jaxpack.files.plans import write_bed_bpp
 from jaxpack.loading.hints import scale_hint
 from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, improve

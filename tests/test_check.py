@@ -10,8 +10,10 @@ import sys
 import pytest
 
 from jaxpack import cli
+from jaxpack.files.bed_bpp import write_bed_bpp
+from jaxpack.files.certificates import write_certificate
 from jaxpack.files.jobs import read_job
-from jaxpack.files.plans import write_bed_bpp, write_certificate, write_plan_json
+from jaxpack.files.plans import write_plan_json
 from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 
 door = importlib.import_module("jaxpack.check")
@@ -310,6 +312,7 @@ def test_bad_input_is_one_line(home, monkeypatch, capsys, name):
     assert sorted(home.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_a_plan_of_more_items_than_a_job_may_have(home, monkeypatch, capsys):
     rows = ["TYPE,ID,COPIES,BIN,X,Y,Z,LX,LY,LZ,ROTATION", "BIN,0,100000,0,0,0,0,10,4,5,"]
     rows += ["ITEM,0,100000,0,0,0,0,4,4,2,XYZ"] * 1000

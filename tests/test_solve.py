@@ -19,7 +19,8 @@ import pytest
 import jaxpack
 from jaxpack import cli
 from jaxpack.errors import UserError
-from jaxpack.files.plans import read_certificate, read_plan_json
+from jaxpack.files.certificates import read_certificate
+from jaxpack.files.plans import read_plan_json
 from jaxpack.loading.bounds import bounds
 from jaxpack.loading.figures import total_cost
 from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan

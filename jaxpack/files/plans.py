@@ -8,9 +8,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from jaxpack.files.bed_bpp import write_bed_bpp
-from jaxpack.files.certificates import alike, read_certificate, write_certificate
-from jaxpack.files.steps import Step, sides_of, steps_of, write_steps
+from jaxpack.files.certificates import alike
+from jaxpack.files.steps import Step, sides_of, steps_of
 from jaxpack.files.texts import (
     json_line,
     json_lines,
@@ -22,15 +21,6 @@ from jaxpack.files.texts import (
 )
 from jaxpack.loading.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.loading.numbers import fault, plain, show
-
-__all__ = [
-    "read_certificate",
-    "read_plan_json",
-    "write_bed_bpp",
-    "write_certificate",
-    "write_plan_json",
-    "write_steps",
-]
 
 
 def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
