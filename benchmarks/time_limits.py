@@ -1,4 +1,5 @@
-"""Whether a time limit is kept: 300 random jobs of a second each while something else has a core.
+"""Whether a time limit is kept: 300 random jobs of a second each while something else has a core,
+with an empty compilation cache.
 
 python -m benchmarks.time_limits [--jobs 300] [--limit 1] [--seed 0]     (8 minutes)
 
@@ -9,6 +10,8 @@ children use of the CPU in the second after the last one. Writes results/time_li
 
 import argparse
 import multiprocessing
+import os
+import tempfile
 import time
 
 import numpy as np
@@ -74,6 +77,8 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    cache = tempfile.TemporaryDirectory(prefix="jaxpack-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = cache.name  # of the process that compiles
     other = multiprocessing.get_context("spawn").Process(target=busy, daemon=True)
     other.start()
     rows = []

@@ -36,7 +36,10 @@ def main() -> None:
     elif command in COMMANDS:
         from jaxpack.cli import run_door
 
-        door = import_module(f"jaxpack.{command}").main
+        try:
+            door = import_module(f"jaxpack.{command}").main
+        except KeyboardInterrupt:  # of a user who has seen at once what is wrong
+            sys.exit(130)
         run_door(door, rest, computes=command in COMPUTE)
     else:
         wrong = f"no command '{command}'" if command else "no command"

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from rich.console import Console
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
@@ -24,7 +23,7 @@ from jaxpack.loading.validate import plan_violations
 from jaxpack.loading.violations import Violation, sentence
 from jaxpack.orders import read_orders
 from jaxpack.packing.check import share_of
-from jaxpack.plan_tables import counted, say
+from jaxpack.plan_tables import Screen, counted, say
 
 SHOWN = 20  # violations on the terminal
 SUFFIXES = (".csv", ".json")
@@ -158,7 +157,7 @@ def main(argv: Sequence[str]) -> None:
     except UserError as error:
         raise UserError(f"--{error}") from None
     check_output(options)
-    tell = partial(say, Console(stderr=True, highlight=False))
+    tell = partial(say, Screen(stderr=True))
     verdicts = [
         Verdict(
             job,
@@ -167,7 +166,7 @@ def main(argv: Sequence[str]) -> None:
         )
         for job, plan in read_plans(options, tell)
     ]
-    console = Console(highlight=False)
+    console = Screen()
     for line in _lines(verdicts):
         say(console, line)
     if options.out is not None:

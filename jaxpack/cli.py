@@ -11,8 +11,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-import tyro
-
 from jaxpack.errors import UserError
 
 T = TypeVar("T")
@@ -20,6 +18,8 @@ T = TypeVar("T")
 
 def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     """Options from the command line. Raises UserError where they are off; exits 0 after --help."""
+    import tyro  # not for those who parse nothing
+
     printed = io.StringIO()
     try:
         with contextlib.redirect_stderr(printed):
@@ -52,7 +52,8 @@ def run_door(
     argv: Sequence[str] | None = None,
     computes: bool = True,
 ) -> None:
-    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130.
+    """Runs a door: bad input is one line and exit code 2, an interrupt is exit code 130, and 141
+    that nobody reads what it prints any more.
 
     Args:
         door: parses its options and does the work.
@@ -70,33 +71,43 @@ def run_door(
             prepare_jax()
         door(sys.argv[1:] if argv is None else argv)
     except UserError as error:
-        line = " ".join(str(error).split())
+        line = "".join(c if c.isprintable() else "?" for c in " ".join(str(error).split()))
         print(f"error: {line}", file=sys.stderr)
         code = 2
     except KeyboardInterrupt:
         code = 130
+    except BrokenPipeError:  # who was reading has seen enough
+        code = 141
+    except OSError as error:  # such as a full disk behind standard output
+        print(f"error: {error.strerror or error}; make room, or write elsewhere", file=sys.stderr)
+        code = 2
     if code:
         # At once: at the usual end the coroutines of a checkpoint that was cut short complain, and
         # one of several processes waits minutes for the others, which may be waiting for it.
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
         os._exit(code)
+
+
+def cache_folder() -> Path:
+    """Where programs are kept between runs: JAX_COMPILATION_CACHE_DIR or the user's cache."""
+    if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxpack"
 
 
 def prepare_jax() -> None:
     """What every command does before its first array.
 
-    Programs are kept between runs, in JAX_COMPILATION_CACHE_DIR or the user's cache, and a CPU
-    runs them as `tune_for_cpu` says.
+    Programs are kept between runs, see `cache_folder`, and a CPU runs them as `tune_for_cpu` says.
     """
     import jax  # a second
 
     from jaxpack.packing.programs import tune_for_cpu
 
     tune_for_cpu()
-    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        jax.config.update("jax_compilation_cache_dir", str(root / "jaxpack"))
+    jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 

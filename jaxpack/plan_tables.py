@@ -19,6 +19,17 @@ from jaxpack.solution import Solution
 NAMED = 5  # of many things the first few are named
 
 
+class Screen(Console):
+    """Standard output, or standard error; who reads neither any more ends the program."""
+
+    def __init__(self, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, highlight=False)
+
+    def on_broken_pipe(self) -> None:
+        """Leaves it to the door, where rich would end with the code of a plan that is not valid."""
+        raise BrokenPipeError
+
+
 def live_figures(job: Job, found: Progress) -> str:
     """The live line. In floats: exact figures of a large plan take seconds."""
     room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)

@@ -4,22 +4,33 @@ Whoever started it may leave at any time. A program that is being compiled then 
 keeps it for the next one, and the process ends.
 """
 
+import ctypes
 import os
 import pickle
+import signal
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any
 
+from jaxpack.cli import cache_folder, prepare_jax
+from jaxpack.errors import UserError
+from jaxpack.files.locks import held
 from jaxpack.loading.requests import DONE, STOP, Found, Request
 from jaxpack.loading.stock import Genes
 
 KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
 
+PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal for the end of the thread that started it
+until_the_end = ExitStack()  # of the process
+
 
 def main() -> None:
     """Serves requests from standard input until it ends."""
+    _wake_without_parent()
     replies = os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # whatever else is printed is not a reply
@@ -28,8 +39,6 @@ def main() -> None:
     Thread(target=_receive, args=(sys.stdin.buffer, requests, told), daemon=True).start()
 
     import jax  # a second, in which requests are received
-
-    from jaxpack.cli import prepare_jax
 
     prepare_jax()
     handled = served = 0
@@ -50,13 +59,39 @@ def _receive(source: IO[bytes], requests: SimpleQueue[Any], told: list[bool]) ->
         try:
             message = pickle.load(source)
         except Exception:  # the other side is gone
-            if hasattr(os, "nice"):
-                os.nice(19)
+            _step_back()
             message = None
         told.append(isinstance(message, Request))
         requests.put(message)
         if message is None:
             return
+
+
+def _step_back() -> None:
+    """Ends here where it would be in the way: who is left alone has the lowest priority, and there
+    is one of them for each folder of programs.
+    """
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        until_the_end.enter_context(held(cache_folder() / ".finishing", "another one has it"))
+    except (UserError, OSError):
+        os._exit(0)
+    threads = Path(
+        "/proc/self/task"
+    )  # of which each has a priority of its own; new ones inherit it
+    if threads.exists():
+        for thread in threads.iterdir():
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), 19)
+    elif hasattr(os, "nice"):
+        os.nice(19)
+
+
+def _wake_without_parent() -> None:
+    """Where this process is halted and the other one is killed, it has to go on to notice that."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT, 0, 0, 0)
 
 
 def _serve(request: Request, replies: IO[bytes], wanted: Callable[[], bool]) -> None:

@@ -6,6 +6,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jaxpack.errors import UserError
 from jaxpack.files.certificates import write_certificate
 from jaxpack.files.jobs import job_from_columns, read_job
@@ -24,7 +26,7 @@ LARGEST_SEED = 2**32 - 1
 SENTENCES = {
     End.BOUND: "the bound: no plan can be better",
     End.TIME: "time",
-    End.UNREADY: "time, before the compiled search was ready; it is kept for the next one",
+    End.UNREADY: "time, before the search was compiled, which goes on when this program has ended",
     End.INTERRUPT: "an interrupt",
 }
 
@@ -106,7 +108,7 @@ def solve(
     resolution: float | None = None,
     skip_unfit: bool = False,
     dimension: int | None = None,
-    ignore: Sequence[str] = (),
+    ignore: str | Sequence[str] = (),
 ) -> Solution:
     """Packs items into as few bins as it can find in the time, or into the cheapest.
 
@@ -152,6 +154,9 @@ def checked_options(
     Raises:
         UserError: naming the option.
     """
+    for name in ("inclusive", "skip_unfit"):
+        if not isinstance(value := getattr(options, name), bool | np.bool_):
+            raise UserError(f"{called(name)} {value!r}: give True or False")
     limit = as_number(options.time_limit, called("time_limit"))
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
     support = as_number(options.support, called("support"))
@@ -186,7 +191,7 @@ def solution(job: Job, found: Progress) -> Solution:
     )
 
 
-def _job(items: Any, bins: Any, ignore: Sequence[str], say: Say) -> Job:
+def _job(items: Any, bins: Any, ignore: str | Sequence[str], say: Say) -> Job:
     if isinstance(items, Job):
         if bins is not None:
             raise UserError("bins: a job has its bins already; give none beside it")

@@ -19,13 +19,14 @@ from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
 from jaxpack.files.atomic import check_writable
 from jaxpack.files.bed_bpp import write_bed_bpp
+from jaxpack.files.certificates import check_scale
 from jaxpack.files.notes import Say
 from jaxpack.loading.hints import scale_hint
 from jaxpack.loading.job import Job
 from jaxpack.loading.solver import SolveOptions, improve
 from jaxpack.loading.validate import InvalidPlanError
 from jaxpack.orders import read_orders
-from jaxpack.plan_tables import counted, live_figures, plain_text, print_solutions, say
+from jaxpack.plan_tables import Screen, counted, live_figures, plain_text, print_solutions, say
 from jaxpack.solution import Solution, checked_options, solution, solve
 
 TICK = 0.1  # seconds between two states of the live line
@@ -101,6 +102,8 @@ def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, P
             continue
         for job, own in zip(jobs, files, strict=True):
             own[option] = path if len(jobs) == 1 else _of_order(path, job)
+            if option == "out" and path.suffix.lower() == ".csv":
+                check_scale(own[option], job)
             claims.append((option, own[option]))
     taken = {
         path.resolve(): "the job is read from it" for path in (options.items, options.bins) if path
@@ -221,7 +224,7 @@ def solve_jobs(
 def main(argv: Sequence[str]) -> None:
     """Parses, packs, writes, prints."""
     options = parse_options(CommandOptions, "solve", argv)
-    console, status = Console(highlight=False), Console(stderr=True, highlight=False)
+    console, status = Screen(), Screen(stderr=True)
     tell = partial(say, status)
     jobs = read_orders(
         options.items, options.bins, options.order, options.ignore, options.packingsolver, tell

@@ -32,15 +32,17 @@ BAD = {
     "NaN weight": (ItemType((1, 1, 1), weight=math.nan), ROOM, "item 0, weight: nan is not"),
     "lighter than air": (ItemType((1, 1, 1), weight=-1), ROOM, "weight: -1 is not a weight"),
     "an unknown turn": (ItemType((1, 1, 1), orientations=("XXX",)), ROOM, "orientation 'XXX' is"),
-    "no turn": (ItemType((1, 1, 1), orientations=()), ROOM, "item 0: orientations (): allow at"),
-    "a turn of letters": (ItemType((1, 1, 1), orientations="XYZ"), ROOM, "'XYZ': allow"),
+    "no turn": (ItemType((1, 1, 1), orientations=()), ROOM, "item 0: orientations (): give a"),
+    "a turn of letters": (ItemType((1, 1, 1), orientations="XYZ"), ROOM, "'XYZ': give a tuple"),
     "a name": (ItemType((1, 1, math.nan), name="jar"), ROOM, "item 0 (jar), size: nan"),
     "a row": (ItemType((1, 1, -3), where="row 9"), ROOM, "row 9, size: -3 is not a size"),
     "a flat bin": (CUBE, BinType((10, 10, 0)), "bin 0, size: 0 is not a size"),
     "a bin of NaN": (CUBE, BinType((math.nan, 1, 1)), "bin 0, size: nan is not a finite number"),
     "half a bin": (CUBE, BinType((9, 9, 9), copies=0.5), "bin 0, copies: 0.5 is not possible"),
     "a NaN limit": (CUBE, BinType((9, 9, 9), max_weight=math.nan), "bin 0, weight: nan is not"),
-    "a cost": (CUBE, BinType((9, 9, 9), cost=-4), "bin 0, cost: -4 is not"),
+    "no item": ({"X": 1}, ROOM, "item 0: {'X': 1} is no ItemType"),
+    "no bin": (CUBE, (9, 9, 9), "bin 0: (9, 9, 9) is no BinType"),
+    "a cost": (CUBE, BinType((9, 9, 9), cost=-4), "bin 0, cost: -4 is not a cost"),
 }  # fmt: skip
 
 

@@ -148,6 +148,14 @@ BAD = {
         "--resolution 11",
         "--resolution 11: give more than 0, at most 10, a bin's",
     ),
+    "a command": ("X,Y,Z,NAME\n99,4,4,\x1b[31mred\x07\n", BIN, "", "row 2 (?[31mred?): no bin"),
+    "digits": (
+        "X,Y,Z\n1.12345678,4,4\n",
+        BIN,
+        "--out plan.csv",
+        "plan.csv: PackingSolver knows whole lengths up to 2^31 only",
+    ),
+    "a dear bin": (ITEMS, "X,Y,Z,COST\n9,9,9,1e300\n", "", "cost: 1e+300 is not a cost"),
     "an order": (ITEMS, BIN, "--order 0017", "--order '0017': items.csv has items"),
     "out suffix": (ITEMS, BIN, "--out plan.txt", "--out plan.txt: end it with .csv or .json"),
     "no suffix": (ITEMS, BIN, "--html plan", "--html plan: end it with .html or .htm"),
@@ -298,6 +306,11 @@ def test_one_order_by_name(home, monkeypatch, capsys, quick):
     assert capsys.readouterr().err == "error: --order 'c': orders.json has 0017, a/b\n"
 
 
+def test_a_column_to_ignore_is_a_name_or_several(quick):
+    for ignore in ("QTY", ["qty"], ("QTY",)):
+        assert jaxpack.solve(TABLE | {"QTY": [1, 1]}, ROOM, ignore=ignore).job == TINY
+
+
 def test_what_was_assumed_is_said_on_standard_error(home, monkeypatch, capsys, quick):
     text = "Length (mm);Width (mm);Height (mm);Colour\n1;2,5;3;red\n"
     write(home, items=text, bins=BIN)
@@ -367,6 +380,8 @@ def test_the_function_takes_paths_and_writes_files(quick, home):
         ((TABLE, ROOM), {"resolution": 0.0}, "resolution 0: give more than 0, at most 10"),
         ((TABLE, ROOM), {"resolution": 1e-9}, "resolution 1e-09: too many digits"),
         ((TABLE, ROOM), {"seed": None}, "seed: empty"),
+        ((TABLE, ROOM), {"skip_unfit": "no"}, "skip_unfit 'no': give True or False"),
+        ((TABLE | {"QTY": [1, 1]}, ROOM), {}, "items: column QTY is not known"),
         ((TABLE, ROOM), {"time_limit": float("nan")}, "time_limit: nan is not a finite number"),
         ((TABLE, {"X": [4], "Y": [4], "Z": [4]}), {}, "row 1: no bin can hold 5 x 3 x 2"),
     ],
@@ -451,3 +466,29 @@ def test_an_interrupt_writes_the_best_plan_so_far(tmp_path, number, code):
     assert "limited by   an interrupt" in output
     (job,) = jaxpack.read_job(tmp_path / "items.csv", tmp_path / "bins.csv")
     check_plan(job, read_certificate(tmp_path / "p.csv", job))
+
+
+@pytest.mark.parametrize("command", ["solve", "check"])
+def test_output_that_cannot_be_written_is_not_a_wrong_plan(tmp_path, command):
+    write(tmp_path, items=ITEMS, bins=BIN)
+    options = ["items.csv", "bins.csv", "--out", "p.json", "--time-limit", "1"]
+    jaxpack.solve(tmp_path / "items.csv", tmp_path / "bins.csv", time_limit=1).write_json(
+        tmp_path / "plan.json"
+    )
+    if command == "check":
+        options = ["plan.json", "items.csv", "bins.csv"]
+    start = [sys.executable, "-m", "jaxpack", command, *options]
+    pipes = {"cwd": tmp_path, "stderr": subprocess.PIPE, "text": True, "timeout": 100}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(start, stdout=full, **pipes)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        2,
+        "error: No space left on device; make room, or write elsewhere",
+    )
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "w") as nobody:
+        done = subprocess.run(start, stdout=nobody, **pipes)
+    assert done.returncode == 141
+    assert "Traceback" not in done.stderr
+    assert command == "check" or (tmp_path / "p.json").exists()

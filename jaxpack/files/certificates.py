@@ -50,11 +50,7 @@ def write_certificate(path: Path, job: Job, plan: Plan, say: Say = silent) -> No
             written.
     """
     axes = _AXES[job.dimension]
-    lengths = set(_lengths(job, plan))
-    scale = common_scale(lengths)
-    if scale > MOST_SCALE or max(lengths, default=0) * scale > LARGEST:
-        what = "PackingSolver knows whole lengths up to 2^31 only, and these have more digits"
-        raise fault(path, what, "round the sizes, or write the plan as .json")
+    scale = _factor(path, set(_lengths(job, plan)))
 
     def whole(sides: Sides) -> list[int]:
         return [int(exact(sides[axis]) * scale) for axis in axes]
@@ -72,6 +68,24 @@ def write_certificate(path: Path, job: Job, plan: Plan, say: Say = silent) -> No
     if scale > 1:
         what = f"all lengths are written times {scale:,}"
         say(note(path, f"{what}: PackingSolver's files have whole numbers only"))
+
+
+def check_scale(path: Path, job: Job) -> None:
+    """Checks that a certificate can hold the lengths of a job, before there is a plan.
+
+    Raises:
+        UserError: where they have too many digits.
+    """
+    _factor(path, set(job.lengths()))
+
+
+def _factor(path: Path, lengths: set[float]) -> int:
+    """What makes whole numbers of all lengths."""
+    scale = common_scale(lengths)
+    if scale > MOST_SCALE or max(lengths, default=0) * scale > LARGEST:
+        what = "PackingSolver knows whole lengths up to 2^31 only, and these have more digits"
+        raise fault(path, what, "round the sizes, or write the plan as .json")
+    return scale
 
 
 def _lengths(job: Job, plan: Plan) -> Iterator[float]:

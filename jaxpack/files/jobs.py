@@ -47,7 +47,7 @@ def read_job(
     items: Path,
     bins: Path | None = None,
     *,
-    ignore: Sequence[str] = (),
+    ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     say: Say = silent,
 ) -> list[Job]:
@@ -91,7 +91,7 @@ def job_from_columns(
     bins: Any,
     name: str = "",
     *,
-    ignore: Sequence[str] = (),
+    ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     say: Say = silent,
 ) -> Job:
@@ -112,7 +112,8 @@ def job_from_columns(
     return _job(*tables, name, reading)
 
 
-def _capitals(names: Sequence[str]) -> frozenset[str]:
+def _capitals(names: str | Sequence[str]) -> frozenset[str]:
+    names = [names] if isinstance(names, str) else names
     return frozenset(" ".join(name.upper().split()) for name in names)
 
 

@@ -20,7 +20,8 @@ def is_packing_plans(path: Path) -> bool:
         UserError: it cannot be read or is not JSON.
     """
     data = read_json(path)
-    return isinstance(data, dict) and "job" not in data and "dimension" not in data
+    named = isinstance(data, dict) and "job" not in data and "dimension" not in data
+    return named and bool(data)
 
 
 def read_packing_plans(path: Path, jobs: Sequence[Job]) -> list[tuple[Job, Plan]]:

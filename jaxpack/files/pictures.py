@@ -1,6 +1,7 @@
 """Pictures of packings: a comparison of methods as in the paper's Fig. 7 and 8, and one plan."""
 
 import math
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -104,7 +105,8 @@ def write_png(path: Path, job: Job, plan: Plan) -> None:
         )
         for line in box.get_texts():
             line.set_parse_math(False)
-    with replace_file(path, "wb") as file:
+    with replace_file(path, "wb") as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: a box is shown for it
         figure.savefig(file, format="png", dpi=110)
 
 
@@ -118,6 +120,7 @@ def _panels(
 
 
 def _short(name: str) -> str:
+    name = "".join(c if c.isprintable() else "?" for c in name)
     return name if len(name) <= 20 else name[:19] + "…"
 
 

@@ -13,6 +13,9 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -38,11 +41,15 @@ class SearchProcess:
         root = str(Path(__file__).parents[2])
         path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
         environment = os.environ | {"PYTHONPATH": path, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
-        # A group of its own: Ctrl-C is not for it, and where the caller is killed while it is
-        # halted, the system ends it.
+        # A group of its own: Ctrl-C is not for it.
         own_group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}
         self.owner = os.getpid()
-        self.process = subprocess.Popen(
+        self.replies = SimpleQueue[Any]()
+        self.running = 0  # searches that were asked for and have not ended
+        self.halted = False
+        # By the thread that lives as long as it does: its end is a signal to the process.
+        start = partial(
+            subprocess.Popen,
             [sys.executable, "-m", "jaxpack.search_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -50,11 +57,10 @@ class SearchProcess:
             env=environment,
             **own_group,
         )
-        self.replies = SimpleQueue[Any]()
-        self.running = 0  # searches that were asked for and have not ended
-        self.halted = False
-        self.reader = threading.Thread(target=self._receive, daemon=True)
+        started = Future[subprocess.Popen[bytes]]()
+        self.reader = threading.Thread(target=self._receive, args=(start, started), daemon=True)
         self.reader.start()
+        self.process = started.result()
 
     @property
     def alive(self) -> bool:
@@ -138,9 +144,19 @@ class SearchProcess:
             pickle.dump(message, self.process.stdin, pickle.HIGHEST_PROTOCOL)
             self.process.stdin.flush()
 
-    def _receive(self) -> None:
-        assert self.process.stdout
-        with self.process.stdout as replies, contextlib.suppress(EOFError, pickle.UnpicklingError):
+    def _receive(
+        self,
+        start: Callable[[], subprocess.Popen[bytes]],
+        started: Future[subprocess.Popen[bytes]],
+    ) -> None:
+        try:
+            process = start()
+        except OSError as error:
+            started.set_exception(error)
+            return
+        started.set_result(process)
+        assert process.stdout
+        with process.stdout as replies, contextlib.suppress(EOFError, pickle.UnpicklingError):
             while True:
                 self.replies.put(pickle.load(replies))
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from jaxpack.loading.stock import Genes, Loading
 
+LOOKED_AT = 48  # columns, the last ones, that an item may stand on
+
 
 class _Kind(NamedTuple):
     """Bins of one type, units."""
@@ -69,43 +71,47 @@ def stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np
 
 
 def _columns(loading: Loading, genes: Genes, waiting: np.ndarray, kind: _Kind) -> _Columns:
-    """Every item on the smallest base that carries it, those with the largest bases first."""
+    """Every item on the first of the last columns that carries it, those with large bases first."""
     stock = loading.stock
     size = stock.sizes[waiting, genes.turn[waiting]].astype(np.int64)
     alike = loading.items[waiting] * 8 + genes.turn[waiting]
-    waiting = waiting[np.lexsort((alike, -size[:, 2], -size[:, 0] * size[:, 1]))]
-    alike = loading.items[waiting] * 8 + genes.turn[waiting]
-    base, weights = np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
-    top, left = base, np.zeros(0, np.int64)  # what carries the next one, height that is left
-    found = []
-    for rows in np.split(waiting, np.flatnonzero(np.diff(alike)) + 1):
-        *footprint, height = stock.sizes[rows[0], genes.turn[rows[0]]].tolist()
-        weight = int(stock.weight[rows[0]])
-        there = np.flatnonzero((top >= footprint).all(1) & (left >= height))
-        there = there[np.argsort(top[there].prod(1), kind="stable")]
-        room = left[there] // height
-        if weight:
-            room = np.minimum(room, (kind.limit - weights[there]) // weight)
-        taken = np.diff(np.minimum(np.cumsum(room), len(rows)), prepend=0)
-        rest = len(rows) - int(taken.sum())
-        high = min(kind.height // height, kind.limit // weight if weight else rest) if rest else 1
-        new = -(-rest // high)
-        number = np.concatenate([there, np.arange(len(base), len(base) + new)])
-        taken = np.concatenate([taken, np.full(new, high)])
-        if new:
-            taken[-1] = rest - (new - 1) * high
-        base = np.concatenate([base, np.tile(footprint, (new, 1))])
-        top = np.concatenate([top, np.tile(footprint, (new, 1))])
-        left = np.concatenate([left, np.full(new, kind.height)])
-        weights = np.concatenate([weights, np.zeros(new, np.int64)])
-        number, taken = number[taken > 0], taken[taken > 0]
-        column = np.repeat(number, taken)
-        level = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
-        found.append((rows, column, kind.height - left[column] + level * height))
-        left[number] -= taken * height
-        weights[number] += taken * weight
-        top[number] = footprint
-    return _Columns(base, weights, *map(np.concatenate, zip(*found, strict=True)))
+    by_base = np.lexsort((alike, -size[:, 2], -size[:, 0] * size[:, 1]))
+    waiting, alike = waiting[by_base], alike[by_base]
+    starts = np.flatnonzero(np.diff(alike, prepend=-1))
+    base, top = (
+        list[tuple[int, int]](),
+        list[tuple[int, int]](),
+    )  # of columns; what carries the next
+    left, weights = list[int](), list[int]()  # height that is left
+    column, z = list[int](), list[int]()  # of items
+    groups = zip(
+        size[by_base[starts]].tolist(), stock.weight[waiting[starts]].tolist(),
+        np.diff(np.append(starts, len(waiting))).tolist(), strict=True,
+    )  # fmt: skip
+    for (length, width, height), weight, copies in groups:
+        tried = iter(range(max(0, len(base) - LOOKED_AT), len(base)))
+        while copies:
+            number = next(tried, len(base))
+            if number == len(base):
+                base.append((length, width))
+                top.append((length, width))
+                left.append(kind.height)
+                weights.append(0)
+            elif top[number][0] < length or top[number][1] < width:
+                continue
+            some = min(copies, left[number] // height)
+            if weight:
+                some = min(some, (kind.limit - weights[number]) // weight)
+            if not some:
+                continue
+            bottom = kind.height - left[number]
+            column += [number] * some
+            z += range(bottom, bottom + some * height, height)
+            left[number] -= some * height
+            weights[number] += some * weight
+            top[number] = length, width
+            copies -= some
+    return _Columns(np.array(base), np.array(weights), waiting, np.array(column), np.array(z))
 
 
 def _side_by_side(columns: _Columns, kind: _Kind, bins: int, step: int) -> np.ndarray:
@@ -114,15 +120,19 @@ def _side_by_side(columns: _Columns, kind: _Kind, bins: int, step: int) -> np.nd
     pitch = -(-columns.size // step) * step
     order = np.lexsort((-pitch[:, 0], -pitch[:, 1]))
     number, x, y, depth, left = 0, 0, 0, 0, kind.limit
-    for column in order.tolist():
-        length, width = columns.size[column].tolist()
+    rows = zip(
+        columns.size[order].tolist(), pitch[order].tolist(), columns.weight[order].tolist(),
+        strict=True,
+    )  # fmt: skip
+    places = []
+    for (length, width), (across, behind), weight in rows:
         if x + length > kind.length:
             x, y, depth = 0, y + depth, 0
-        if y + width > kind.width or columns.weight[column] > left:
+        if y + width > kind.width or weight > left:
             number, x, y, depth, left = number + 1, 0, 0, 0, kind.limit
         if number == bins:
             break
-        place[column] = x, y, number
-        x, depth = x + int(pitch[column, 0]), max(depth, int(pitch[column, 1]))
-        left -= int(columns.weight[column])
+        places.append((x, y, number))
+        x, depth, left = x + across, max(depth, behind), left - weight
+    place[order[: len(places)]] = places
     return place

@@ -20,7 +20,7 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.loading.exact import DIGITS, clean, cut, decimals, exact, whole
-from jaxpack.loading.numbers import as_size, as_weight, as_whole, fault, show
+from jaxpack.loading.numbers import as_cost, as_size, as_weight, as_whole, fault, show
 
 FINEST = 2**30
 """A side of a bin has at most so many units: far edges of items then fit int32."""
@@ -174,11 +174,13 @@ def _common_unit(lengths: Iterable[float]) -> tuple[Fraction, int]:
 
 
 def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
+    if not isinstance(item, ItemType):
+        raise fault(f"item {number}", f"{show(item)} is no ItemType")
     where = item.where or f"item {number}"
     where += f" ({item.name})" if item.name else ""
     ways = item.orientations
     if not isinstance(ways, tuple | list) or not ways:
-        raise fault(where, f"orientations {show(ways)}", "allow at least one")
+        raise fault(where, f"orientations {show(ways)}", "give a tuple of at least one name")
     known = FLAT_TURNED if dimension == 2 else tuple(ORIENTATIONS)
     if wrong := [way for way in ways if way not in known]:
         raise fault(where, f"orientation {show(wrong[0])} is not known: use {', '.join(known)}")
@@ -192,13 +194,15 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
 
 
 def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
+    if not isinstance(kind, BinType):
+        raise fault(f"bin {number}", f"{show(kind)} is no BinType")
     where = kind.where or f"bin {number}"
     where += f" ({kind.name})" if kind.name else ""
     cost, most = kind.cost, kind.max_weight
     return replace(
         kind,
         size=_checked_sides(where, kind.size, dimension),
-        cost=None if cost is None else clean(as_weight(cost, f"{where}, cost")),
+        cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
         max_weight=math.inf if _unlimited(most) else _checked_weight(where, most),
     )

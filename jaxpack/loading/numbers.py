@@ -11,7 +11,8 @@ from numbers import Real
 
 from jaxpack.errors import UserError
 
-LARGEST = 1e9  # of a size or weight; its inverse is the smallest size
+LARGEST = 1e9  # of a weight or cost; its inverse is the smallest size
+LONGEST = 2.0**30  # of a size
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
@@ -58,12 +59,13 @@ def as_number(value: object, where: str) -> float:
 
 
 def as_size(value: object, where: str) -> float:
-    """The length of a side: more than 0, between 1e-9 and 1e9; UserError if not."""
+    """The length of a side: more than 0, between 1e-9 and 2^30; UserError if not."""
     number = as_number(value, where)
     if number <= 0:
         raise fault(where, f"{plain(number)} is not a size: give more than 0")
-    if not 1 / LARGEST <= number <= LARGEST:
-        raise fault(where, f"{number:g} is out of range: choose a unit with sizes in 1e-9 to 1e9")
+    if not 1 / LARGEST <= number <= LONGEST:
+        what = f"{number:.10g} is out of range: choose a unit with sizes in 1e-9 to 2^30"
+        raise fault(where, what)
     return number
 
 
@@ -72,6 +74,14 @@ def as_weight(value: object, where: str) -> float:
     number = as_number(value, where)
     if not 0 <= number <= LARGEST:
         raise fault(where, f"{plain(number)} is not a weight: give 0 to 1e9")
+    return number
+
+
+def as_cost(value: object, where: str) -> float:
+    """A cost: 0 to 1e9; UserError if not."""
+    number = as_number(value, where)
+    if not 0 <= number <= LARGEST:
+        raise fault(where, f"{plain(number)} is not a cost: give 0 to 1e9")
     return number
 
 

@@ -18,7 +18,8 @@ from jaxpack.loading.validate import check_plan
 
 TICK = 0.05  # seconds between looks at the clock
 BOUNDING = 0.15  # share of the time that bounds may take
-CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it
+CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it,
+PER_ITEM = 1e-4  # or so many seconds an item, where something else slowed the sorting down
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def improve(
     record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
     sorting = perf_counter()
     first = lane_genes(loading, options.seed, 0)
-    end = begun + options.time_limit - CHECKING * (perf_counter() - sorting)
+    checking = min(CHECKING * (perf_counter() - sorting), PER_ITEM * len(loading.items))
+    end = begun + options.time_limit - checking
 
     def late() -> bool:
         return perf_counter() > end or stop()
@@ -152,13 +154,13 @@ class _Searches:
     ) -> None:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
-        self.ready = not compiles(loading)  # whether all that there is has searched
+        self.ready = True  # whether all that was asked has searched
 
     def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
         """(a packing or None, packings tried since), until it is late: at once one of `first`."""
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
-        if self.ready or self.late():
+        if not compiles(self.loading) or self.late():
             yield from self._quickly(best, self.late)
             return
         try:
@@ -178,6 +180,7 @@ class _Searches:
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
         policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
         left = self.end - perf_counter()
+        self.ready = False
         process.ask(self.loading, self.options.seed, left, best.genes, policy)
         yield from self._quickly(best, lambda: self.late() or process.ready)
         while not self.late():

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,10 +47,14 @@ class Rules:
     support: float = 0.5  # least share of a footprint that must be carried, 0 to 1
     inclusive: bool = False  # whether exactly that share is enough; the whole base always is
 
+    @cached_property
+    def _share(self) -> tuple[int, int]:
+        return exact(self.support).as_integer_ratio()
+
     def area_needed(self, area: int) -> int:
         """The least whole number that is enough of an area."""
-        share = exact(self.support) * area
-        return math.ceil(share) if self.inclusive else min(math.floor(share) + 1, area)
+        part, whole = self._share
+        return -(-area * part // whole) if self.inclusive else min(area * part // whole + 1, area)
 
 
 @dataclass(frozen=True)
