@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 import pytest
 
+from jaxpack.files.locks import held
 from jaxpack.loading import background, solver
 from jaxpack.loading.background import SearchProcess, borrow, give_back
 from jaxpack.loading.job import BinType, ItemType, Job
@@ -20,8 +21,9 @@ from jaxpack.loading.solver import End, SolveOptions, improve, solve_job
 from jaxpack.loading.stock import lane_genes, load_job
 from jaxpack.loading.validate import check_plan
 
-# Seven bins where the bound says six: the search goes on for as long as it may.
-SIZES = np.random.default_rng(0).integers(3, 8, (24, 3)).tolist()
+# The bound says three bins, which would have to be filled to the last few units: the search goes on
+# for as long as it may.
+SIZES = np.random.default_rng(5).integers(2, 6, (70, 3)).tolist()
 JOB = Job(tuple(ItemType(tuple(size)) for size in SIZES), (BinType((10.0,) * 3),))
 ANSWER = 200.0  # seconds in which a busy machine has compiled it
 
@@ -51,7 +53,7 @@ def test_it_answers_each_search_and_waits_for_the_next(process):
         loading = ask(process, seconds=ANSWER, seed=seed)
         found = process.next(ANSWER)
         assert found.packings >= 8
-        assert len(set(found.bin.tolist())) >= 6
+        assert len(set(found.bin.tolist())) >= 4
         assert (found.bin >= 0).all()
         assert len(found.bin) == len(loading.items) == len(found.genes.order)
         process.end()
@@ -170,16 +172,10 @@ def test_nobody_waits_for_it_and_it_does_not_stay(killed, tmp_path):
 
 def test_of_many_that_are_let_go_one_goes_on(tmp_path, monkeypatch):
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
-    processes = [SearchProcess() for _ in range(3)]
-    for process in processes:
-        ask(process, seconds=ANSWER)
-    for process in processes:
-        process.end()
-        process.let_go()
-    psutil.wait_procs([psutil.Process(p.process.pid) for p in processes[1:]], timeout=10)
-    ended = [process.process.poll() for process in processes]
-    assert ended.count(0) == 2, ended
-    assert ended.count(None) == 1, ended
-    for process in processes:
-        assert process.process.wait(ANSWER) == 0
-    assert [*tmp_path.glob("*-cache")]
+    second = SearchProcess()
+    ask(second, seconds=ANSWER)
+    second.end()
+    with held(tmp_path / ".finishing", "it is the other one that goes on"):
+        second.let_go()
+        assert second.process.wait(30) == 0
+    assert not [*tmp_path.glob("*-cache")]

@@ -148,7 +148,7 @@ BAD = {
         "--resolution 11",
         "--resolution 11: give more than 0, at most 10, a bin's",
     ),
-    "a command": ("X,Y,Z,NAME\n99,4,4,\x1b[31mred\x07\n", BIN, "", "row 2 (?[31mred?): no bin"),
+    "a name": ("X,Y,Z,NAME\n99,4,4,\x1b[31mred\x07\n", BIN, "", "row 2 (?[31mred?): no bin"),
     "digits": (
         "X,Y,Z\n1.12345678,4,4\n",
         BIN,
@@ -381,7 +381,6 @@ def test_the_function_takes_paths_and_writes_files(quick, home):
         ((TABLE, ROOM), {"resolution": 1e-9}, "resolution 1e-09: too many digits"),
         ((TABLE, ROOM), {"seed": None}, "seed: empty"),
         ((TABLE, ROOM), {"skip_unfit": "no"}, "skip_unfit 'no': give True or False"),
-        ((TABLE | {"QTY": [1, 1]}, ROOM), {}, "items: column QTY is not known"),
         ((TABLE, ROOM), {"time_limit": float("nan")}, "time_limit: nan is not a finite number"),
         ((TABLE, {"X": [4], "Y": [4], "Z": [4]}), {}, "row 1: no bin can hold 5 x 3 x 2"),
     ],
