@@ -93,13 +93,14 @@ def test_a_search_goes_on_without_it(number, monkeypatch):
         taken.append(SearchProcess())
         return taken[-1]
 
+    def stop():
+        for process in taken:
+            process.process.send_signal(number)
+        return False
+
     monkeypatch.setattr(solver, "borrow", borrowed)
-    plans = improve(JOB, SolveOptions(4.0))
-    next(plans)
-    first = next(plans, None)
-    taken[0].process.send_signal(number)
-    *_, last = [first, *plans]
-    assert last.end in (End.UNREADY, End.BOUND)
+    *_, last = improve(JOB, SolveOptions(4.0), stop)
+    assert last.end == End.UNREADY
     assert last.packings > 1
     check_plan(JOB, last.plan)
     assert taken[0].process.wait(10) == -number
