@@ -63,7 +63,7 @@ def test_it_answers_each_search_and_waits_for_the_next(process):
     assert used(process) - before < 0.1
 
 
-@pytest.mark.parametrize("after", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("after", [0.0, 1.0, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_left_in_the_middle_of_anything_it_uses_no_time_and_goes_on_later(process, after):
     ask(process, seconds=ANSWER)
     time.sleep(after)
@@ -150,6 +150,7 @@ print(background._waiting[0].process.pid, flush=True)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("killed", [False, True])
 def test_nobody_waits_for_it_and_it_does_not_stay(killed, tmp_path):
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}

@@ -138,7 +138,7 @@ BAD_ITEMS = [
     (SIDES + "3,5\n\n3, \n", "row 4, column HEIGHT: empty"),
     (SIDES + "3,-5\n", "row 2, column HEIGHT: -5 is not a size: give more than 0"),
     (SIDES + "0,5\n", "row 2, column WIDTH: 0 is not a size: give more than 0"),
-    (SIDES + "2e9,5\n", "row 2, column WIDTH: 2e+09 is out of range"),
+    (SIDES + "2e9,5\n", "row 2, column WIDTH: 2000000000 is out of range"),
     (SIDES + "1e-300,5\n", "row 2, column WIDTH: 1e-300 is out of range"),
     (SIDES + "3\n", "row 2, column HEIGHT: empty: give a number"),
     (SIDES + "3,5\n3,5,7\n", "row 3: 3 fields, the header has 2"),

@@ -77,6 +77,7 @@ def test_what_has_bred_is_never_worse_than_what_it_comes_from_and_better_than_ei
     assert evolved.mean() < min(found.mean(), costs_after("bred", 12).mean())
 
 
+@pytest.mark.slow
 def test_more_finds_than_individuals_breed_too():
     few = genetic(PAPER_2D, BrkgaConfig(population=3))
     search = evolved(PAPER_2D, BIN_BY_BIN, orders_found, few, bins_first_cost, 1)
@@ -161,14 +162,20 @@ def test_the_smaller_rounds_of_what_has_bred_are_never_worse():
 
 
 def test_a_time_limit_is_one_of_wall_time():
+    rounds = []
+
     def advance(instances, state):
+        began = time.perf_counter()
         time.sleep(0.05)
+        rounds.append(time.perf_counter() - began)  # longer on a busy machine
         return state + 1
 
     search = Search(lambda keys, instances: jnp.int32(0), advance, lambda state: state)
     began = time.perf_counter()
-    assert 4 <= int(run_for(search, KEYS, INSTANCES, 0.5)) <= 10
-    assert time.perf_counter() - began < 0.6
+    assert int(run_for(search, KEYS, INSTANCES, 0.5)) == len(rounds) > 1
+    spent = time.perf_counter() - began
+    assert spent < 0.5 + max(rounds), "one round may take longer than those before it"
+    assert spent + 2 * max(rounds) > 0.5, "there was time for another one"
 
 
 def test_a_compiled_search_finds_the_same():
