@@ -195,3 +195,4 @@ def give_back(process: SearchProcess) -> None:
 def _let_go() -> None:
     for process in _waiting:
         process.let_go()
+        process.process.returncode = 0  # nobody waits for it: that is no mistake to warn of
