@@ -26,7 +26,7 @@ def units_of(job: Job, resolution: float | None = None) -> Units:
     Args:
         job: what is packed.
         resolution: the length of which positions are to be multiples; any position if not given.
-            It must be one of `finest_resolution` or more.
+            It must be `fine_enough`.
     """
     weights = [exact(item.weight) for item in job.items if item.weight]
     limits = [exact(bin.max_weight) for bin in job.bins if 0 < bin.max_weight < math.inf]
