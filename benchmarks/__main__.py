@@ -8,8 +8,8 @@ import subprocess
 import sys
 from importlib import import_module
 
-from jaxpack.devices import use_all_cores
-from jaxpack.packing.programs import tune_for_cpu
+from jaxpack.xla.devices import use_all_cores
+from jaxpack.xla.programs import tune_for_cpu
 
 SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 

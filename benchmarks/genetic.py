@@ -17,7 +17,7 @@ from pymoo.optimize import minimize
 from benchmarks.native import pack_native
 from benchmarks.timing import compiled, cores, report, seconds
 from jaxpack import BrkgaConfig, bins_first_cost, brkga, pack, preset, sample
-from jaxpack.devices import by_batch, data_mesh, on_all, split_batch
+from jaxpack.xla.devices import by_batch, data_mesh, on_all, split_batch
 
 CONFIG = BrkgaConfig(population=100, generations=30)
 BATCHES = (1, 16, 128)

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.native import pack_native
 from benchmarks.timing import compiled, cores, report, seconds
 from jaxpack import pack, preset, sample
-from jaxpack.devices import by_batch, data_mesh, split_batch
+from jaxpack.xla.devices import by_batch, data_mesh, split_batch
 
 BATCHES = (1, 64, 1024, 16_384)
 PER_DEVICE = 256  # fewer, and handing out the parts takes longer than packing them

@@ -4,7 +4,7 @@ from benchmarks.timing import report
 from jaxpack.comparison import Comparison, compare
 from jaxpack.learning.presets import preset
 from jaxpack.methods import MethodOptions, make_method
-from jaxpack.packing.instances import Cell
+from jaxpack.model.instances import Cell
 
 METHODS = ("height", "pointer", "bin-aware", "bin-aware-best-of-64", "brkga")
 INSTANCES = 200

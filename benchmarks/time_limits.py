@@ -19,7 +19,7 @@ import psutil
 
 import jaxpack
 from benchmarks.timing import report
-from jaxpack.loading.job import FLAT_TURNED, MOST_ITEMS, ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.job import FLAT_TURNED, MOST_ITEMS, ORIENTATIONS, BinType, ItemType, Job
 
 
 def busy() -> None:

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from jaxpack import Cell, Comparison, MethodOptions, Policy, Row, compare, make_method, preset
 from jaxpack.cli import prepare_jax
-from jaxpack.files.atomic import replace_file
+from jaxpack.io.atomic import replace_file
 from jaxpack.learning.parameters import PointerConfig
 from jaxpack.learning.trainer import init_state, train_updates
 

@@ -25,10 +25,12 @@ from public_instances import (
 from rows import RESULTS, write_rows
 
 from jaxpack.cli import prepare_jax
-from jaxpack.files.weights import load_policy
+from jaxpack.io.weights import load_policy
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES as DRAWN
-from jaxpack.loading.compiled import (
+from jaxpack.model.encoding import load_job
+from jaxpack.model.job import Job
+from jaxpack.search.compiled import (
     EXCHANGE,
     HEAT,
     LANES,
@@ -38,16 +40,14 @@ from jaxpack.loading.compiled import (
     first_genes,
     to_device,
 )
-from jaxpack.loading.job import Job
-from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import (
+from jaxpack.search.local_search import (
     ANNEAL,
     BREED,
     Lanes,
     exchange,
     fresh_lanes,
 )
-from jaxpack.loading.stock import load_job
+from jaxpack.search.policy_orders import policy_genes
 
 DISPATCHES = {2: 40, 3: 12}  # of LANES * ROUNDS packings
 PARTS = {

@@ -42,13 +42,13 @@ from rows import RESULTS, read_rows, write_rows
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
-from jaxpack.loading.bounds import bounds
-from jaxpack.loading.compiled import encode
-from jaxpack.loading.exact import common_scale, exact
-from jaxpack.loading.job import ORIENTATIONS, ItemType, Sides
-from jaxpack.loading.stock import Rules, load_job
-from jaxpack.loading.validate import plan_violations
-from jaxpack.packing.check import Rule
+from jaxpack.model.bounds import bounds
+from jaxpack.model.box_check import Rule
+from jaxpack.model.encoding import Rules, load_job
+from jaxpack.model.exact import common_scale, exact
+from jaxpack.model.job import ORIENTATIONS, ItemType, Sides
+from jaxpack.model.plan_check import plan_violations
+from jaxpack.search.compiled import encode
 
 PATH = RESULTS / "peers.csv"
 SETS = ("2bp", "ivancic", "bed-bpp")

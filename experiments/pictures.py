@@ -10,7 +10,7 @@ import jax
 from jaxpack import Cell, Comparison, MethodOptions, make_method, pack, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
-from jaxpack.files.pictures import draw_packings
+from jaxpack.io.pictures import draw_packings
 
 METHODS = ("random", "height", "pointer", "bin-aware-search")
 RESULTS = Path(__file__).parent / "results"

@@ -8,7 +8,7 @@ import argparse
 import json
 from pathlib import Path
 
-from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 
 FOLDER = Path(__file__).parents[2] / "shared" / "data"
 """Where the files are looked for, beside the repository, unless --data names another folder."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from jaxpack.files.atomic import replace_file
+from jaxpack.io.atomic import replace_file
 
 RESULTS = Path(__file__).parent / "results"
 

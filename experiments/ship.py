@@ -16,8 +16,8 @@ from rows import RESULTS, write_rows
 
 from jaxpack import preset
 from jaxpack.errors import UserError
-from jaxpack.files.runs import RunConfig, read_lines, read_policy, read_run
-from jaxpack.files.weights import save_policy, shipped_policies
+from jaxpack.io.runs import RunConfig, read_lines, read_policy, read_run
+from jaxpack.io.weights import save_policy, shipped_policies
 
 ROOT = Path(__file__).parent.parent
 COLUMNS = ("kind", "update", "cost", "compactness", "pyramid", "bins", "entropy")

@@ -21,9 +21,9 @@ from public_instances import (
 )
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack.loading.classes import mpv
-from jaxpack.loading.job import Job
-from jaxpack.loading.solver import End, SolveOptions, solve_job
+from jaxpack.model.classes import mpv
+from jaxpack.model.job import Job
+from jaxpack.search.portfolio import End, SolveOptions, solve_job
 
 MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
 

@@ -18,9 +18,9 @@ from pathlib import Path
 import jax
 from rows import write_rows
 
-from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import read_lines, read_policy
-from jaxpack.files.weights import save_policy
+from jaxpack.io.atomic import replace_file
+from jaxpack.io.runs import read_lines, read_policy
+from jaxpack.io.weights import save_policy
 
 ROOT = Path(__file__).parent.parent
 RESULTS = Path(__file__).parent / "results"

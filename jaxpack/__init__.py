@@ -16,12 +16,12 @@ if TYPE_CHECKING:
         Row as Row,
         compare as compare,
     )
-    from jaxpack.devices import use_all_cores as use_all_cores
+    from jaxpack.xla.devices import use_all_cores as use_all_cores
     from jaxpack.errors import UserError as UserError
-    from jaxpack.files.jobs import read_job as read_job
-    from jaxpack.files.weights import load_policy as load_policy, save_policy as save_policy
+    from jaxpack.io.jobs import read_job as read_job
+    from jaxpack.io.weights import load_policy as load_policy, save_policy as save_policy
     from jaxpack.learning.beam import beam_orders as beam_orders
-    from jaxpack.learning.bin_aware import (
+    from jaxpack.packing.env import (
         BinState as BinState,
         Candidates as Candidates,
         Kinds as Kinds,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
         make_train as make_train,
         train_step as train_step,
     )
-    from jaxpack.loading.job import (
+    from jaxpack.model.job import (
         BinType as BinType,
         ItemType as ItemType,
         Job as Job,
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
         Placement as Placement,
         Plan as Plan,
     )
-    from jaxpack.loading.validate import (
+    from jaxpack.model.plan_check import (
         InvalidPlanError as InvalidPlanError,
         check_plan as check_plan,
     )
@@ -73,13 +73,13 @@ if TYPE_CHECKING:
         make_method as make_method,
     )
     from jaxpack.packing.first_fit import pack as pack
-    from jaxpack.packing.instances import (
+    from jaxpack.model.instances import (
         Cell as Cell,
         Distribution as Distribution,
         sample as sample,
         uniform_instance as uniform_instance,
     )
-    from jaxpack.packing.metrics import (
+    from jaxpack.model.objectives import (
         bins_first_cost as bins_first_cost,
         bins_used as bins_used,
         compactness as compactness,
@@ -88,31 +88,31 @@ if TYPE_CHECKING:
         pyramid as pyramid,
         utilisation as utilisation,
     )
-    from jaxpack.packing.problem import (
+    from jaxpack.model.problem import (
         Instance as Instance,
         Packing as Packing,
         Problem as Problem,
         in_orientation as in_orientation,
         make_instance as make_instance,
     )
-    from jaxpack.packing.programs import tune_for_cpu as tune_for_cpu
-    from jaxpack.packing.validate import (
+    from jaxpack.xla.programs import tune_for_cpu as tune_for_cpu
+    from jaxpack.model.packing_check import (
         InvalidPackingError as InvalidPackingError,
         check_packings as check_packings,
         violations as violations,
     )
     from jaxpack.solution import Solution as Solution, solve as solve
-    from jaxpack.solvers.bin_by_bin import bin_by_bin as bin_by_bin, orders_found as orders_found
-    from jaxpack.solvers.brkga import BrkgaConfig as BrkgaConfig, brkga as brkga, genetic as genetic
-    from jaxpack.solvers.evolved import evolved as evolved
-    from jaxpack.solvers.heuristics import (
+    from jaxpack.search.bin_by_bin import bin_by_bin as bin_by_bin, orders_found as orders_found
+    from jaxpack.search.brkga import BrkgaConfig as BrkgaConfig, brkga as brkga, genetic as genetic
+    from jaxpack.search.evolved import evolved as evolved
+    from jaxpack.search.heuristics import (
         footprint_order as footprint_order,
         height_order as height_order,
         random_order as random_order,
         volume_order as volume_order,
     )
-    from jaxpack.solvers.sampling import best_of as best_of, sampling as sampling
-    from jaxpack.solvers.search import (
+    from jaxpack.search.sampling import best_of as best_of, sampling as sampling
+    from jaxpack.search.protocol import (
         Search as Search,
         compile_search as compile_search,
         run_for as run_for,
@@ -123,14 +123,12 @@ else:  # the same names once more: a type checker reads neither this nor what it
 
     _NAMES = {
         "comparison": "Comparison Row compare",
-        "devices": "use_all_cores",
+        "xla.devices": "use_all_cores",
         "errors": "UserError",
-        "files.jobs": "read_job",
-        "files.weights": "load_policy save_policy",
+        "io.jobs": "read_job",
+        "io.weights": "load_policy save_policy",
         "learning.beam": "beam_orders",
-        "learning.bin_aware": (
-            "BinState Candidates Kinds candidates order_of orientations_of reset step"
-        ),
+        "packing.env": ("BinState Candidates Kinds candidates order_of orientations_of reset step"),
         "learning.bin_network": "BinAwareConfig",
         "learning.parameters": "PointerConfig",
         "learning.pointer": (
@@ -141,24 +139,24 @@ else:  # the same names once more: a type checker reads neither this nor what it
         "learning.recipe": "Policy TrainConfig",
         "learning.rollout": "choose_orders",
         "learning.trainer": "TrainState init_state make_train train_step",
-        "loading.job": "BinType ItemType Job PackedBin Placement Plan",
-        "loading.validate": "InvalidPlanError check_plan",
+        "model.job": "BinType ItemType Job PackedBin Placement Plan",
+        "model.plan_check": "InvalidPlanError check_plan",
         "methods": "Method MethodOptions make_method",
         "packing.first_fit": "pack",
-        "packing.instances": "Cell Distribution sample uniform_instance",
-        "packing.metrics": (
+        "model.instances": "Cell Distribution sample uniform_instance",
+        "model.objectives": (
             "bins_first_cost bins_used compactness lower_bound paper_cost pyramid utilisation"
         ),
-        "packing.problem": "Instance Packing Problem in_orientation make_instance",
-        "packing.programs": "tune_for_cpu",
-        "packing.validate": "InvalidPackingError check_packings violations",
+        "model.problem": "Instance Packing Problem in_orientation make_instance",
+        "xla.programs": "tune_for_cpu",
+        "model.packing_check": "InvalidPackingError check_packings violations",
         "solution": "Solution solve",
-        "solvers.bin_by_bin": "bin_by_bin orders_found",
-        "solvers.brkga": "BrkgaConfig brkga genetic",
-        "solvers.evolved": "evolved",
-        "solvers.heuristics": "footprint_order height_order random_order volume_order",
-        "solvers.sampling": "best_of sampling",
-        "solvers.search": "Search compile_search run_for run_rounds",
+        "search.bin_by_bin": "bin_by_bin orders_found",
+        "search.brkga": "BrkgaConfig brkga genetic",
+        "search.evolved": "evolved",
+        "search.heuristics": "footprint_order height_order random_order volume_order",
+        "search.sampling": "best_of sampling",
+        "search.protocol": "Search compile_search run_for run_rounds",
     }
     _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
     __all__ = sorted(_HOMES)

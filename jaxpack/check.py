@@ -11,18 +11,18 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
-from jaxpack.files.atomic import check_writable
-from jaxpack.files.certificates import read_certificate
-from jaxpack.files.notes import Say
-from jaxpack.files.packing_plans import is_packing_plans, read_packing_plans
-from jaxpack.files.plans import read_plan_json
-from jaxpack.files.tables import write_table
-from jaxpack.files.texts import json_line, json_lines, write_text
-from jaxpack.loading.job import MOST_ITEMS, Job, Plan
-from jaxpack.loading.validate import plan_violations
-from jaxpack.loading.violations import Violation, sentence
+from jaxpack.io.atomic import check_writable
+from jaxpack.io.certificates import read_certificate
+from jaxpack.io.notes import Say
+from jaxpack.io.packing_plans import is_packing_plans, read_packing_plans
+from jaxpack.io.plans import read_plan_json
+from jaxpack.io.tables import write_table
+from jaxpack.io.texts import json_line, json_lines, write_text
+from jaxpack.model.box_check import share_of
+from jaxpack.model.job import MOST_ITEMS, Job, Plan
+from jaxpack.model.plan_check import plan_violations
+from jaxpack.model.violations import Violation, sentence
 from jaxpack.orders import read_orders
-from jaxpack.packing.check import share_of
 from jaxpack.plan_tables import Screen, counted, say
 
 SHOWN = 20  # violations on the terminal

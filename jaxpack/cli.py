@@ -104,7 +104,7 @@ def prepare_jax() -> None:
     """
     import jax  # a second
 
-    from jaxpack.packing.programs import tune_for_cpu
+    from jaxpack.xla.programs import tune_for_cpu
 
     tune_for_cpu()
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))

@@ -20,23 +20,23 @@ import numpy as np
 from jax import Array
 from jax.tree_util import Partial
 
-from jaxpack.devices import by_batch, data_mesh, split_batch, usable_cores
 from jaxpack.errors import MOST, check_counts
-from jaxpack.files.sweeps import Sweep, Tally, tally
+from jaxpack.io.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
-from jaxpack.packing.instances import Cell, Distribution, uniform_instance
-from jaxpack.packing.metrics import (
+from jaxpack.model.instances import Cell, Distribution, uniform_instance
+from jaxpack.model.objectives import (
     bins_used,
     compactness,
     lower_bound,
     pyramid,
     utilisation,
 )
-from jaxpack.packing.pieces import in_pieces
-from jaxpack.packing.problem import Instance, Packing, Problem
-from jaxpack.packing.validate import check_packings
-from jaxpack.solvers.search import Search, compile_search, pack_orders, run_for
+from jaxpack.model.packing_check import check_packings
+from jaxpack.model.problem import Instance, Packing, Problem
+from jaxpack.search.protocol import Search, compile_search, pack_orders, run_for
+from jaxpack.xla.devices import by_batch, data_mesh, split_batch, usable_cores
+from jaxpack.xla.pieces import in_pieces
 
 Solver = Callable[[Array, Instance], tuple[Array, Packing]]
 """(keys [B], instances) -> (orders [B, N], packings), compiled for one B; a pytree of compiled

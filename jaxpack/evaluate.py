@@ -15,18 +15,18 @@ from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, parse_sides, parse_whole, run_door
 from jaxpack.comparison import Comparison, Row, compare, grid_cells, grid_problem
-from jaxpack.devices import pick_devices
 from jaxpack.errors import UserError
-from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import read_policy
-from jaxpack.files.sweeps import open_sweep
+from jaxpack.io.atomic import replace_file
+from jaxpack.io.runs import read_policy
+from jaxpack.io.sweeps import open_sweep
 from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
-from jaxpack.packing.instances import Cell
+from jaxpack.model.instances import Cell
 from jaxpack.packing.selfcheck import check_device
-from jaxpack.solvers.brkga import BrkgaConfig
+from jaxpack.search.brkga import BrkgaConfig
 from jaxpack.tables import print_table
+from jaxpack.xla.devices import pick_devices
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,18 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.errors import UserError
-from jaxpack.files.weights import load_policy
+from jaxpack.io.weights import load_policy
 from jaxpack.learning.beam import beam_orders
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.recipe import OBJECTIVES, Policy
-from jaxpack.packing.problem import Instance, Problem
-from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.solvers.brkga import BrkgaConfig, genetic
-from jaxpack.solvers.evolved import evolved
-from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
-from jaxpack.solvers.sampling import best_of, sampling
-from jaxpack.solvers.search import Draw, Objective, Search, pack_orders, run_rounds
+from jaxpack.model.problem import Instance, Problem
+from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
+from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.evolved import evolved
+from jaxpack.search.heuristics import footprint_order, height_order, random_order, volume_order
+from jaxpack.search.protocol import Draw, Objective, Search, pack_orders, run_rounds
+from jaxpack.search.sampling import best_of, sampling
 
 Orders = Callable[[Array, Instance], Array]
 """(typed PRNG keys [B], instances [B, ...]) -> orders int32 [B, N]. Pure; jit it."""

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jaxpack.errors import UserError
-from jaxpack.files.jobs import read_job
-from jaxpack.files.notes import Say
-from jaxpack.loading.job import Job
+from jaxpack.io.jobs import read_job
+from jaxpack.io.notes import Say
+from jaxpack.model.job import Job
 from jaxpack.plan_tables import NAMED
 
 

@@ -10,10 +10,10 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from jaxpack.loading.bounds import gap
-from jaxpack.loading.figures import minimised, plan_figures
-from jaxpack.loading.job import BinType, Job
-from jaxpack.loading.solver import Progress
+from jaxpack.model.bounds import gap
+from jaxpack.model.figures import minimised, plan_figures
+from jaxpack.model.job import BinType, Job
+from jaxpack.search.portfolio import Progress
 from jaxpack.solution import Solution
 
 NAMED = 5  # of many things the first few are named

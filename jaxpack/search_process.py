@@ -18,9 +18,9 @@ from typing import IO, Any
 
 from jaxpack.cli import cache_folder, prepare_jax
 from jaxpack.errors import UserError
-from jaxpack.files.locks import held
-from jaxpack.loading.requests import DONE, STOP, Found, Request
-from jaxpack.loading.stock import Genes
+from jaxpack.io.locks import held
+from jaxpack.model.encoding import Genes
+from jaxpack.search.requests import DONE, STOP, Found, Request
 
 KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
 
@@ -98,8 +98,8 @@ def _serve(request: Request, replies: IO[bytes], wanted: Callable[[], bool]) -> 
     import jax
     import numpy as np
 
-    from jaxpack.files.weights import load_policy
-    from jaxpack.loading.compiled import search
+    from jaxpack.io.weights import load_policy
+    from jaxpack.search.compiled import search
 
     loading, count, slots = request.loading, len(request.loading.items), len(request.loading.bins)
     policy = load_policy(request.policy) if request.policy else None

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 
 from jaxpack.errors import UserError
-from jaxpack.files.certificates import write_certificate
-from jaxpack.files.jobs import job_from_columns, read_job
-from jaxpack.files.notes import Say, silent
-from jaxpack.files.plans import write_plan_json
-from jaxpack.files.steps import write_steps
-from jaxpack.loading.bounds import Bounds, gap
-from jaxpack.loading.figures import PlanFigures, plan_figures
-from jaxpack.loading.job import Job, Plan
-from jaxpack.loading.numbers import as_number, as_whole
-from jaxpack.loading.solver import End, Progress, SolveOptions, solve_job
-from jaxpack.loading.units import fine_enough
+from jaxpack.io.certificates import write_certificate
+from jaxpack.io.jobs import job_from_columns, read_job
+from jaxpack.io.notes import Say, silent
+from jaxpack.io.plans import write_plan_json
+from jaxpack.io.steps import write_steps
+from jaxpack.model.bounds import Bounds, gap
+from jaxpack.model.figures import PlanFigures, plan_figures
+from jaxpack.model.job import Job, Plan
+from jaxpack.model.numbers import as_number, as_whole
+from jaxpack.model.units import fine_enough
+from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
 
 LARGEST_SEED = 2**32 - 1
 
@@ -86,13 +86,13 @@ class Solution:
 
     def write_html(self, path: str | PathLike[str]) -> None:
         """Writes a page to look at the plan in 3D and load it step by step."""
-        from jaxpack.files.viewer import write_html  # a second to import
+        from jaxpack.io.viewer import write_html  # a second to import
 
         write_html(Path(path), self.job, self.plan)
 
     def write_png(self, path: str | PathLike[str]) -> None:
         """Writes a picture of the first bins."""
-        from jaxpack.files.pictures import write_png  # a second to import
+        from jaxpack.io.pictures import write_png  # a second to import
 
         write_png(Path(path), self.job, self.plan)
 

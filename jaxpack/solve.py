@@ -17,16 +17,16 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
-from jaxpack.files.atomic import check_writable
-from jaxpack.files.bed_bpp import write_bed_bpp
-from jaxpack.files.certificates import check_scale
-from jaxpack.files.notes import Say
-from jaxpack.loading.hints import scale_hint
-from jaxpack.loading.job import Job
-from jaxpack.loading.solver import SolveOptions, improve
-from jaxpack.loading.validate import InvalidPlanError
+from jaxpack.io.atomic import check_writable
+from jaxpack.io.bed_bpp import write_bed_bpp
+from jaxpack.io.certificates import check_scale
+from jaxpack.io.notes import Say
+from jaxpack.model.hints import scale_hint
+from jaxpack.model.job import Job
+from jaxpack.model.plan_check import InvalidPlanError
 from jaxpack.orders import read_orders
 from jaxpack.plan_tables import Screen, counted, live_figures, plain_text, print_solutions, say
+from jaxpack.search.portfolio import SolveOptions, improve
 from jaxpack.solution import Solution, checked_options, solution, solve
 
 TICK = 0.1  # seconds between two states of the live line

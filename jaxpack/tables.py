@@ -10,7 +10,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from jaxpack.comparison import Row
-from jaxpack.files.atomic import replace_file
+from jaxpack.io.atomic import replace_file
 
 # Wang and Dong, Tables I and II: C, P, bins, ms per instance.
 PaperRow = tuple[float, float, float, float]

@@ -19,18 +19,9 @@ from tyro.conf import Positional
 
 from jaxpack.cli import called, parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
-from jaxpack.devices import (
-    anywhere,
-    data_mesh,
-    is_first,
-    join_processes,
-    on_first,
-    pick_devices,
-    use_all_cores,
-)
 from jaxpack.errors import UserError
-from jaxpack.files.atomic import replace_file
-from jaxpack.files.runs import (
+from jaxpack.io.atomic import replace_file
+from jaxpack.io.runs import (
     RunConfig,
     create_run,
     lock_run,
@@ -42,11 +33,20 @@ from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import MethodOptions, make_method
+from jaxpack.model.instances import Cell
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.instances import Cell
 from jaxpack.packing.selfcheck import check_device
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
+from jaxpack.xla.devices import (
+    anywhere,
+    data_mesh,
+    is_first,
+    join_processes,
+    on_first,
+    pick_devices,
+    use_all_cores,
+)
 
 WHERE = ("devices", "coordinator", "process_id", "num_processes")  # no part of what a run is
 FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100")
@@ -255,7 +255,7 @@ def finish(run: Path, config: RunConfig, policy: Policy, console: Console) -> No
 def _draw(
     run: Path, comparison: Comparison, cell: Cell, options: MethodOptions, trained: str
 ) -> None:
-    from jaxpack.files.pictures import draw_packings
+    from jaxpack.io.pictures import draw_packings
 
     one = replace(comparison, instances=1)
     instances, keys = make_instances(one, cell, cell.distribution.items)

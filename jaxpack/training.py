@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
-from jaxpack.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
-from jaxpack.files.runs import (
+from jaxpack.io.runs import (
     Checkpoints,
     RunConfig,
     Snapshot,
@@ -30,8 +29,9 @@ from jaxpack.learning.trainer import (
     train_chunk,
     validation_set,
 )
+from jaxpack.model.objectives import bins_used, compactness, pyramid
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.metrics import bins_used, compactness, pyramid
+from jaxpack.xla.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
 
 VALIDATION_BATCH = 500  # instances decoded side by side
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from jaxpack.learning.parameters import PointerConfig
 from jaxpack.learning.recipe import TrainConfig
+from jaxpack.model.instances import Distribution
+from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.instances import Distribution
-from jaxpack.packing.problem import Instance, Problem
 
 TINY = TrainConfig(
     problem=Problem(bin=(6, 1, 6), largest=(4, 1)),

@@ -3,7 +3,7 @@
 import os
 import tempfile
 
-from jaxpack.packing.programs import tune_for_cpu
+from jaxpack.xla.programs import tune_for_cpu
 
 
 def pytest_configure(config):

@@ -3,8 +3,8 @@
 import pytest
 
 from jaxpack.errors import UserError
-from jaxpack.files.jobs import read_job
-from jaxpack.loading.job import (
+from jaxpack.io.jobs import read_job
+from jaxpack.model.job import (
     FLAT_TURNED,
     UPRIGHT,
     BinType,

@@ -4,9 +4,9 @@ import math
 from collections import Counter
 from fractions import Fraction
 
-from jaxpack.loading.exact import exact
-from jaxpack.loading.job import ORIENTATIONS
-from jaxpack.packing.check import Rule
+from jaxpack.model.box_check import Rule
+from jaxpack.model.exact import exact
+from jaxpack.model.job import ORIENTATIONS
 
 
 def plain_check(job, plan, support, inclusive):

@@ -13,13 +13,13 @@ import numpy as np
 import psutil
 import pytest
 
-from jaxpack.files.locks import held
-from jaxpack.loading import background, solver
-from jaxpack.loading.background import SearchProcess, borrow, give_back
-from jaxpack.loading.job import BinType, ItemType, Job
-from jaxpack.loading.solver import End, SolveOptions, improve, solve_job
-from jaxpack.loading.stock import lane_genes, load_job
-from jaxpack.loading.validate import check_plan
+from jaxpack.io.locks import held
+from jaxpack.model.encoding import lane_genes, load_job
+from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.model.plan_check import check_plan
+from jaxpack.search import background, portfolio
+from jaxpack.search.background import SearchProcess, borrow, give_back
+from jaxpack.search.portfolio import End, SolveOptions, improve, solve_job
 
 # The bound says three bins, which would have to be filled to the last few units: the search goes on
 # for as long as it may.
@@ -98,7 +98,7 @@ def test_a_search_goes_on_without_it(number, monkeypatch):
             process.process.send_signal(number)
         return False
 
-    monkeypatch.setattr(solver, "borrow", borrowed)
+    monkeypatch.setattr(portfolio, "borrow", borrowed)
     *_, last = improve(JOB, SolveOptions(4.0), stop)
     assert last.end == End.UNREADY
     assert last.packings > 1
@@ -143,7 +143,7 @@ def test_the_end_of_time_is_the_end_of_work():
 
 SCRIPT = """
 import jaxpack
-from jaxpack.loading import background
+from jaxpack.search import background
 items = [dict(zip("XYZ", size)) for size in %s]
 jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
 print(background._waiting[0].process.pid, flush=True)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 from job_files import BINS_3D, ORDERS, SOLID_JOB, assert_refused, ordered, read
 
-from jaxpack.files.bed_bpp import write_bed_bpp
-from jaxpack.loading.job import UPRIGHT, BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.io.bed_bpp import write_bed_bpp
+from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job, PackedBin, Placement, Plan
 
 
 def test_bed_bpp_has_a_job_per_order(tmp_path):

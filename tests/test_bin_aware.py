@@ -11,7 +11,16 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
-from jaxpack.learning.bin_aware import (
+from jaxpack.learning.bin_network import init_network, look, scores
+from jaxpack.learning.gradients import policy_gradient
+from jaxpack.learning.policies import greedy_orders, sample_orders
+from jaxpack.learning.presets import PAPER_2D, PAPER_3D
+from jaxpack.learning.rollout import choose_orders
+from jaxpack.model.instances import sample
+from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.problem import Instance, in_orientation
+from jaxpack.packing.candidates import footprints, rests, surroundings
+from jaxpack.packing.env import (
     candidates,
     compact,
     order_of,
@@ -19,16 +28,7 @@ from jaxpack.learning.bin_aware import (
     reset,
     step,
 )
-from jaxpack.learning.bin_network import init_network, look, scores
-from jaxpack.learning.gradients import policy_gradient
-from jaxpack.learning.policies import greedy_orders, sample_orders
-from jaxpack.learning.presets import PAPER_2D, PAPER_3D
-from jaxpack.learning.rollout import choose_orders
-from jaxpack.packing.candidates import footprints, rests, surroundings
 from jaxpack.packing.height_map import empty_map, lowest, rest
-from jaxpack.packing.instances import sample
-from jaxpack.packing.metrics import bins_first_cost
-from jaxpack.packing.problem import Instance, in_orientation
 
 PROBLEMS = {
     "2d": replace(PAPER_2D, largest=None),

@@ -9,9 +9,9 @@ from fractions import Fraction
 import pytest
 from optimum import optimum
 
-from jaxpack.loading.bounds import bounds, gap, volume_bound
-from jaxpack.loading.figures import PlanFigures, plan_worth
-from jaxpack.loading.job import ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, PackedBin, Plan
+from jaxpack.model.bounds import bounds, gap, volume_bound
+from jaxpack.model.figures import PlanFigures, plan_worth
+from jaxpack.model.job import ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, PackedBin, Plan
 
 ANY = tuple(ORIENTATIONS)
 AS_GIVEN = ("XYZ",)

@@ -10,11 +10,11 @@ import sys
 import pytest
 
 from jaxpack import cli
-from jaxpack.files.bed_bpp import write_bed_bpp
-from jaxpack.files.certificates import write_certificate
-from jaxpack.files.jobs import read_job
-from jaxpack.files.plans import write_plan_json
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.io.bed_bpp import write_bed_bpp
+from jaxpack.io.certificates import write_certificate
+from jaxpack.io.jobs import read_job
+from jaxpack.io.plans import write_plan_json
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 
 door = importlib.import_module("jaxpack.check")
 

@@ -12,9 +12,10 @@ import pytest
 from plain_check import plain_check
 
 from jaxpack.errors import UserError
-from jaxpack.loading.exact import exact
-from jaxpack.loading.figures import PlanFigures, fill, plan_figures, total_cost
-from jaxpack.loading.job import (
+from jaxpack.model.box_check import Rule
+from jaxpack.model.exact import exact
+from jaxpack.model.figures import PlanFigures, fill, plan_figures, total_cost
+from jaxpack.model.job import (
     FLAT_TURNED,
     ORIENTATIONS,
     BinType,
@@ -24,10 +25,9 @@ from jaxpack.loading.job import (
     Placement,
     Plan,
 )
-from jaxpack.loading.validate import InvalidPlanError, check_plan, plan_violations
-from jaxpack.loading.violations import sentence
-from jaxpack.packing.check import Rule
-from jaxpack.packing.pairs import best, pairs, tree_of
+from jaxpack.model.pairs import best, pairs, tree_of
+from jaxpack.model.plan_check import InvalidPlanError, check_plan, plan_violations
+from jaxpack.model.violations import sentence
 
 # A plan by hand in steps of 0.1, a side view along x with z upwards:
 #

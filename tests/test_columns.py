@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from job_files import BINS_2D, BINS_3D, assert_refused, notes_of, read
 
-from jaxpack.files.jobs import job_from_columns, read_job
-from jaxpack.loading.job import FLAT_TURNED
+from jaxpack.io.jobs import job_from_columns, read_job
+from jaxpack.model.job import FLAT_TURNED
 
 ITEMS = "X,Y,Z\n3,4,5\n"
 

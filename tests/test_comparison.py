@@ -22,8 +22,8 @@ from jaxpack import (
     preset,
 )
 from jaxpack.comparison import grid_cells, grid_problem, make_instances
-from jaxpack.solvers.brkga import BrkgaConfig
-from jaxpack.solvers.search import Search
+from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.protocol import Search
 from jaxpack.tables import paper_row, write_table
 
 PAPER = preset("paper-2d")

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from cases import TINY
 
-from jaxpack import files, load_policy, save_policy
+import jaxpack
+from jaxpack import load_policy, save_policy
 from jaxpack.errors import UserError
-from jaxpack.files.runs import (
+from jaxpack.io.runs import (
     RunConfig,
     append_line,
     create_run,
@@ -27,7 +28,7 @@ from jaxpack.files.runs import (
 )
 from jaxpack.training import chunk_length, train_run
 
-WEIGHTS = Path(files.__file__).parent.parent / "weights"
+WEIGHTS = Path(jaxpack.__file__).parent / "weights"
 CONFIG = RunConfig(preset="test", seed=4, train=TINY, chunk=4, checkpoint_every=8)
 DEEP = b"[" * 100_000
 

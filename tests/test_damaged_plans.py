@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from plain_check import plain_check
 
-from jaxpack.loading.exact import clean, exact
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
-from jaxpack.loading.validate import InvalidPlanError, check_plan, plan_violations
-from jaxpack.packing.check import Rule
+from jaxpack.model.box_check import Rule
+from jaxpack.model.exact import clean, exact
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.plan_check import InvalidPlanError, check_plan, plan_violations
 
 UPRIGHT = ("XYZ", "YXZ")
 

@@ -8,8 +8,8 @@ import sys
 import pytest
 from cases import TINY
 
-from jaxpack.devices import pick_devices
 from jaxpack.errors import UserError
+from jaxpack.xla.devices import pick_devices
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +20,7 @@ from dataclasses import replace
 import jax, numpy as np
 from cases import TINY
 from jaxpack import BinAwareConfig
-from jaxpack.devices import data_mesh, on_all
+from jaxpack.xla.devices import data_mesh, on_all
 from jaxpack.learning.gradients import policy_gradient
 from jaxpack.learning.trainer import init_state, train_chunk, training_instances
 from jaxpack.training import validate_policy
@@ -53,7 +53,7 @@ BREEDING = """
 import jax, numpy as np
 from cases import TINY
 from jaxpack import BrkgaConfig, brkga, sample
-from jaxpack.devices import data_mesh, on_all
+from jaxpack.xla.devices import data_mesh, on_all
 
 keys = jax.random.split(jax.random.key(1), 2)
 instances = sample(TINY.problem, TINY.distribution, jax.random.key(0), 2)

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpack.loading.job import BinType, ItemType, Job
-from jaxpack.loading.quick import pack_quickly
-from jaxpack.loading.stock import Genes, Rules, load_job
+from jaxpack.model.encoding import Genes, Rules, load_job
+from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.model.problem import Problem
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 from jaxpack.packing.height_map import cell_dtype, drop, empty_map, lowest, rest
-from jaxpack.packing.problem import Problem
 from jaxpack.packing.top_faces import lowest_corner, no_faces, put_on, rest_on
+from jaxpack.search.quick import pack_quickly
 
 
 @pytest.mark.parametrize("problem", [

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import pytest
 
-from jaxpack.loading.exact import exact
-from jaxpack.loading.figures import (
+from jaxpack.model.exact import exact
+from jaxpack.model.figures import (
     PlanFigures,
     fill,
     minimised,
@@ -17,7 +17,7 @@ from jaxpack.loading.figures import (
     plan_worth,
     total_cost,
 )
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 
 
 def plan_of(*bins, left_out=()):

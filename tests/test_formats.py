@@ -20,8 +20,8 @@ from job_files import (
     read,
 )
 
-from jaxpack.files.jobs import job_from_columns, read_job
-from jaxpack.loading.job import BinType, ItemType
+from jaxpack.io.jobs import job_from_columns, read_job
+from jaxpack.model.job import BinType, ItemType
 
 
 def test_csv_of_2d(tmp_path):

@@ -37,9 +37,9 @@ from job_files import (
 )
 
 from jaxpack.errors import UserError
-from jaxpack.files.certificates import read_certificate
-from jaxpack.files.jobs import job_from_columns, read_job
-from jaxpack.files.plans import read_plan_json, write_plan_json
+from jaxpack.io.certificates import read_certificate
+from jaxpack.io.jobs import job_from_columns, read_job
+from jaxpack.io.plans import read_plan_json, write_plan_json
 
 SECONDS = 1.0  # of computing for a file
 MEMORY = 500 * 2**20  # bytes

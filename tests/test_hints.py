@@ -2,8 +2,8 @@
 
 import pytest
 
-from jaxpack.loading.hints import scale_hint, unfit_hint
-from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.hints import scale_hint, unfit_hint
+from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 
 
 def job(size, *bins, weight=0.0, ways=("XYZ",), copies=1, dimension=3):

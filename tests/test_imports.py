@@ -1,6 +1,4 @@
-"""Imports point one way: doors -> methods, tables, ... -> files -> loading, learning, solvers ->
-packing.
-"""
+"""Imports point one way: commands -> io -> search -> learning -> packing -> model, xla."""
 
 import ast
 from pathlib import Path
@@ -9,7 +7,6 @@ import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
 DOORS = {"train", "evaluate", "solve", "check"}
-ROOMS = {"packing", "solvers", "learning", "loading", "files"}
 TOP = {
     "methods",
     "comparison",
@@ -21,18 +18,18 @@ TOP = {
     "orders",
     "search_process",
 }
-BASE = {"errors", "devices"}
+BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
 ALLOWED = {
     "errors": set(),
-    "devices": {"errors"},
-    "packing": {"errors", "packing"},
-    "solvers": BASE | {"packing", "solvers"},
-    "learning": BASE | {"packing", "learning"},
-    "loading": BASE | {"packing", "learning", "loading"},
-    "files": BASE | {"packing", "learning", "loading", "files"},
-    **dict.fromkeys(TOP, BASE | ROOMS | TOP),
-    **dict.fromkeys(DOORS, BASE | ROOMS | TOP),
-    "__init__": BASE | ROOMS | TOP,
+    "model": {"errors", "model"},
+    "xla": {"errors", "xla"},
+    "packing": {"errors", "model", "xla", "packing"},
+    "learning": {"errors", "model", "xla", "packing", "learning"},
+    "search": BELOW - {"io"},
+    "io": BELOW,
+    **dict.fromkeys(TOP, BELOW | TOP),
+    **dict.fromkeys(DOORS, BELOW | TOP),
+    "__init__": BELOW | TOP,
     "__main__": {"__version__"} | TOP,
 }
 

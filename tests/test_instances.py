@@ -10,8 +10,8 @@ import pytest
 
 from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
-from jaxpack.packing.instances import Distribution, sample, sample_at, uniform_instance
-from jaxpack.packing.problem import Problem, in_orientation, make_instance
+from jaxpack.model.instances import Distribution, sample, sample_at, uniform_instance
+from jaxpack.model.problem import Problem, in_orientation, make_instance
 
 KEY = jax.random.key(0)
 

@@ -9,8 +9,8 @@ import pytest
 
 import jaxpack
 from jaxpack import BinType, ItemType, Job, UserError
-from jaxpack.loading.exact import exact
-from jaxpack.loading.job import FINEST
+from jaxpack.model.exact import exact
+from jaxpack.model.job import FINEST
 
 ROOM = BinType((10, 10, 10))
 CUBE = ItemType((1, 1, 1))

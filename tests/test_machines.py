@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from jaxpack.devices import usable_cores
 from jaxpack.errors import UserError
-from jaxpack.files.locks import held
+from jaxpack.io.locks import held
+from jaxpack.xla.devices import usable_cores
 
 BARE = """
 import os, sys
@@ -26,7 +26,7 @@ run_door(main)
 """
 LOCKS = """
 from pathlib import Path
-from jaxpack.files.locks import held
+from jaxpack.io.locks import held
 from jaxpack.errors import UserError
 with held(Path("lock"), "somebody has it"):
     try:
@@ -39,14 +39,14 @@ with held(Path("lock"), "somebody has it"):
 """
 CORES = """
 import jax
-from jaxpack.devices import usable_cores, use_all_cores
+from jaxpack.xla.devices import usable_cores, use_all_cores
 use_all_cores()
 assert usable_cores() == os.cpu_count() == len(jax.devices())
 """
 HOLD = """
 import time
 from pathlib import Path
-from jaxpack.files.locks import held
+from jaxpack.io.locks import held
 with held(Path("lock"), "somebody has it"):
     print("held", flush=True)
     time.sleep(600)

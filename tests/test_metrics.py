@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxpack.errors import UserError
-from jaxpack.packing.first_fit import pack
-from jaxpack.packing.metrics import (
+from jaxpack.model.objectives import (
     bins_first_cost,
     bins_used,
     compactness,
@@ -20,7 +19,8 @@ from jaxpack.packing.metrics import (
     pyramid,
     utilisation,
 )
-from jaxpack.packing.problem import Instance, Packing, Problem, make_instance
+from jaxpack.model.problem import Instance, Packing, Problem, make_instance
+from jaxpack.packing.first_fit import pack
 
 
 def packed(problem, sizes):

@@ -7,7 +7,7 @@ from cases import packer
 
 from benchmarks.native import pack_native
 from jaxpack.learning.presets import preset
-from jaxpack.packing.instances import sample
+from jaxpack.model.instances import sample
 
 
 @pytest.mark.parametrize("name", ["paper-2d", "paper-3d"])

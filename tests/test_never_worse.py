@@ -10,14 +10,14 @@ from cases import packer
 from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
-from jaxpack.packing.instances import Distribution, sample
-from jaxpack.packing.metrics import bins_first_cost, paper_cost
-from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.solvers.brkga import BrkgaConfig, genetic
-from jaxpack.solvers.evolved import evolved
-from jaxpack.solvers.heuristics import height_order, random_order
-from jaxpack.solvers.sampling import best_of, sampling
-from jaxpack.solvers.search import run_rounds
+from jaxpack.model.instances import Distribution, sample
+from jaxpack.model.objectives import bins_first_cost, paper_cost
+from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
+from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.evolved import evolved
+from jaxpack.search.heuristics import height_order, random_order
+from jaxpack.search.protocol import run_rounds
+from jaxpack.search.sampling import best_of, sampling
 
 COUNT, ITEMS, ROUNDS = 64, 12, 6
 INSTANCES = sample(PAPER_2D, Distribution(ITEMS, 1, 5), jax.random.key(1), COUNT)

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from job_files import BINS_2D, BINS_3D, assert_refused, file_with, notes_of, read
 
-from jaxpack.files.certificates import read_certificate, write_certificate
-from jaxpack.loading.job import FLAT_TURNED
+from jaxpack.io.certificates import read_certificate, write_certificate
+from jaxpack.model.job import FLAT_TURNED
 
 RECORDS = json.loads((Path(__file__).parent / "packingsolver.json").read_text())
 IDS = [f"{record['problem']}: {record['what']}" for record in RECORDS]

@@ -15,7 +15,7 @@ job = Job((ItemType(sides[0], 1),), (BinType(sides[1]),), {dimension}, "job")
 plan = Plan((PackedBin(0, (Placement(0, "XYZ", (0.0, 0.0, 0.0)),)),))
 """
 PAGE = """
-from jaxpack.files.viewer import write_html
+from jaxpack.io.viewer import write_html
 write_html(Path("plan.html"), job, plan)
 assert not any(name.partition(".")[0] == "matplotlib" for name in sys.modules)
 """
@@ -25,7 +25,7 @@ matplotlib.use("svg")  # somebody's own choice
 settings = dict(matplotlib.rcParams)
 import jax.numpy as jnp
 from jaxpack import Problem, make_instance, pack
-from jaxpack.files.pictures import draw_packings, write_png
+from jaxpack.io.pictures import draw_packings, write_png
 write_png(Path("plan.png"), job, plan)
 problem = Problem(bin=(4, 1, 4) if {dimension} == 2 else (4, 4, 4))
 instance = make_instance(problem, [[2] * len(problem.axes)])

@@ -21,10 +21,10 @@ from job_files import (
 )
 
 from jaxpack.errors import UserError
-from jaxpack.files.certificates import read_certificate, write_certificate
-from jaxpack.files.plans import read_plan_json, write_plan_json
-from jaxpack.files.steps import write_steps
-from jaxpack.loading.job import (
+from jaxpack.io.certificates import read_certificate, write_certificate
+from jaxpack.io.plans import read_plan_json, write_plan_json
+from jaxpack.io.steps import write_steps
+from jaxpack.model.job import (
     FLAT_TURNED,
     ORIENTATIONS,
     BinType,

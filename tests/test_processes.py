@@ -10,8 +10,8 @@ from os import environ, pathsep
 
 import pytest
 
-from jaxpack.devices import join_processes
 from jaxpack.errors import UserError
+from jaxpack.xla.devices import join_processes
 
 pytestmark = pytest.mark.slow
 

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D, PRESETS
+from jaxpack.model.instances import sample_at
+from jaxpack.model.objectives import bins_used, compactness, lower_bound, pyramid
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.instances import sample_at
-from jaxpack.packing.metrics import bins_used, compactness, lower_bound, pyramid
-from jaxpack.solvers.heuristics import footprint_order, height_order, random_order, volume_order
+from jaxpack.search.heuristics import footprint_order, height_order, random_order, volume_order
 
 INSTANCES = 10_000
 CHUNK = 1_000  # packed at a time, which keeps the height maps in the processor's cache

@@ -16,7 +16,7 @@ import pytest
 from cases import TINY
 
 from jaxpack.errors import UserError
-from jaxpack.files.runs import (
+from jaxpack.io.runs import (
     Checkpoints,
     RunConfig,
     Snapshot,
@@ -29,14 +29,14 @@ from jaxpack.files.runs import (
     read_run,
     rewind_lines,
 )
-from jaxpack.files.weights import save_policy
+from jaxpack.io.weights import save_policy
 from jaxpack.learning.presets import preset
 from jaxpack.training import DivergedError, chunk_length, train_run, validate_policy
 
 CONFIG = RunConfig(preset="test", seed=4, train=TINY, chunk=4, checkpoint_every=8)
 TRAIN = (
     "import sys; from pathlib import Path\n"
-    "from jaxpack.files.runs import read_run\n"
+    "from jaxpack.io.runs import read_run\n"
     "from jaxpack.training import train_run\n"
     "run = Path(sys.argv[1])\n"
     "for record in train_run(run, read_run(run)): print(record['update'], flush=True)\n"

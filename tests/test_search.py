@@ -11,15 +11,15 @@ import pytest
 from cases import packer
 
 from jaxpack.learning.presets import PAPER_2D
-from jaxpack.packing.instances import Distribution, sample
-from jaxpack.packing.metrics import bins_first_cost
-from jaxpack.packing.problem import Instance
-from jaxpack.solvers.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.solvers.brkga import BrkgaConfig, genetic
-from jaxpack.solvers.evolved import evolved
-from jaxpack.solvers.heuristics import height_order, random_order
-from jaxpack.solvers.sampling import sampling
-from jaxpack.solvers.search import Search, compile_search, run_for, run_rounds
+from jaxpack.model.instances import Distribution, sample
+from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.problem import Instance
+from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
+from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.evolved import evolved
+from jaxpack.search.heuristics import height_order, random_order
+from jaxpack.search.protocol import Search, compile_search, run_for, run_rounds
+from jaxpack.search.sampling import sampling
 
 COUNT, ITEMS = 30, 30
 INSTANCES = sample(PAPER_2D, Distribution(ITEMS, 1, 5), jax.random.key(1), COUNT)
@@ -127,14 +127,14 @@ class Clock:
 )
 def test_a_time_limit_is_kept_and_used(limit, durations, rounds, monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("jaxpack.solvers.search.time.perf_counter", lambda: clock.now)
+    monkeypatch.setattr("jaxpack.search.protocol.time.perf_counter", lambda: clock.now)
     assert run_for(clock.search(durations), KEYS, INSTANCES, limit) == rounds
     assert clock.now - 100 <= max(limit, durations[0])
 
 
 def test_what_is_left_of_the_time_goes_to_smaller_rounds(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("jaxpack.solvers.search.time.perf_counter", lambda: clock.now)
+    monkeypatch.setattr("jaxpack.search.protocol.time.perf_counter", lambda: clock.now)
 
     def refine(instances, state):
         clock.now += 0.03125

@@ -8,9 +8,9 @@ from cases import packer
 
 from jaxpack import evaluate, train
 from jaxpack.errors import UserError
+from jaxpack.model.problem import Packing
 from jaxpack.packing import selfcheck
 from jaxpack.packing.height_map import cell_dtype
-from jaxpack.packing.problem import Packing
 
 
 def right(problem, instances, orders):

@@ -19,14 +19,14 @@ import pytest
 import jaxpack
 from jaxpack import cli
 from jaxpack.errors import UserError
-from jaxpack.files.certificates import read_certificate
-from jaxpack.files.plans import read_plan_json
-from jaxpack.loading.bounds import bounds
-from jaxpack.loading.figures import total_cost
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
-from jaxpack.loading.quick import pack_quickly
-from jaxpack.loading.solver import End, Progress
-from jaxpack.loading.validate import check_plan
+from jaxpack.io.certificates import read_certificate
+from jaxpack.io.plans import read_plan_json
+from jaxpack.model.bounds import bounds
+from jaxpack.model.figures import total_cost
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.plan_check import check_plan
+from jaxpack.search.portfolio import End, Progress
+from jaxpack.search.quick import pack_quickly
 
 door = importlib.import_module("jaxpack.solve")
 
@@ -261,7 +261,7 @@ def test_an_invalid_plan_is_never_written(home, monkeypatch, capsys):
         corner[0, 2] += 1
         return bin, corner
 
-    monkeypatch.setattr("jaxpack.loading.quick.pack_quickly", floats)
+    monkeypatch.setattr("jaxpack.search.quick.pack_quickly", floats)
     write(home, items=ITEMS, bins=BINS)
     stop = run(monkeypatch, "items.csv", "bins.csv", "--out", "p.csv")
     assert str(stop).startswith("error: items.csv: no valid plan, nothing is written: bin 0 item 0")

@@ -10,30 +10,8 @@ import numpy as np
 import pytest
 
 from jaxpack.errors import UserError
-from jaxpack.files.weights import load_policy
-from jaxpack.loading import compiled
-from jaxpack.loading.compiled import STAGES_FLAT, dispatch, encode, first_genes, search, to_device
-from jaxpack.loading.figures import plan_figures
-from jaxpack.loading.job import ORIENTATIONS, BinType, ItemType, Job
-from jaxpack.loading.learned import policy_genes
-from jaxpack.loading.local_search import (
-    BREED,
-    advance,
-    exchange,
-    fresh_lanes,
-    join,
-    pack_lanes,
-)
-from jaxpack.loading.quick import (
-    cost_of,
-    genes_of,
-    pack_quickly,
-    quick_plan,
-    runs_of,
-    search_quickly,
-)
-from jaxpack.loading.solver import End, SolveOptions, cheapest_types, improve, solve_job
-from jaxpack.loading.stock import (
+from jaxpack.io.weights import load_policy
+from jaxpack.model.encoding import (
     Genes,
     Rules,
     compiles,
@@ -43,8 +21,30 @@ from jaxpack.loading.stock import (
     padded_genes,
     plan_of,
 )
-from jaxpack.loading.units import units_of
-from jaxpack.loading.validate import check_plan
+from jaxpack.model.figures import plan_figures
+from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.plan_check import check_plan
+from jaxpack.model.units import units_of
+from jaxpack.search import compiled
+from jaxpack.search.compiled import STAGES_FLAT, dispatch, encode, first_genes, search, to_device
+from jaxpack.search.local_search import (
+    BREED,
+    advance,
+    exchange,
+    fresh_lanes,
+    join,
+    pack_lanes,
+)
+from jaxpack.search.policy_orders import policy_genes
+from jaxpack.search.portfolio import End, SolveOptions, cheapest_types, improve, solve_job
+from jaxpack.search.quick import (
+    cost_of,
+    genes_of,
+    pack_quickly,
+    quick_plan,
+    runs_of,
+    search_quickly,
+)
 
 WAYS = tuple(ORIENTATIONS)
 
@@ -52,7 +52,7 @@ WAYS = tuple(ORIENTATIONS)
 @pytest.fixture
 def uncompiled(monkeypatch):
     """The search in NumPy alone."""
-    monkeypatch.setattr("jaxpack.loading.solver.compiles", lambda loading: False)
+    monkeypatch.setattr("jaxpack.search.portfolio.compiles", lambda loading: False)
 
 
 def cartons(seed, kinds=5, ways=("XYZ", "YXZ")):

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 
 from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D
-from jaxpack.packing.instances import Distribution, sample
-from jaxpack.packing.metrics import bins_first_cost, paper_cost
-from jaxpack.packing.problem import Instance
-from jaxpack.solvers.brkga import BrkgaConfig, brkga, keys_of
-from jaxpack.solvers.heuristics import (
+from jaxpack.model.instances import Distribution, sample
+from jaxpack.model.objectives import bins_first_cost, paper_cost
+from jaxpack.model.problem import Instance
+from jaxpack.search.brkga import BrkgaConfig, brkga, keys_of
+from jaxpack.search.heuristics import (
     decode_keys,
     footprint_order,
     height_order,
     random_order,
     volume_order,
 )
-from jaxpack.solvers.sampling import best_of
+from jaxpack.search.sampling import best_of
 
 ITEMS = 9
 SIDES = st.tuples(*[st.integers(1, 3)] * 3)  # few sides, so that many items are equal

@@ -8,7 +8,7 @@ import openpyxl
 import pytest
 from job_files import BINS_3D, FLAT_JOB, assert_refused, file_with, notes_of, read
 
-from jaxpack.files.jobs import read_job
+from jaxpack.io.jobs import read_job
 
 SOLID = "X,Y,Z,COPIES,WEIGHT,NAME\n3.5,4,5,2,0.125,a\n1,2,3,1,10.5,b\n"
 LOCAL = SOLID.replace(",", ";").replace(".", ",")
@@ -210,8 +210,8 @@ def test_a_workbook_without_what_reads_it(tmp_path, monkeypatch):
 def test_what_is_too_large(tmp_path, monkeypatch):
     wide = ",".join(f"C{number}" for number in range(100_000)) + ",X,Y,Z\n"
     assert_refused(lambda: read(tmp_path, wide, BINS_3D), "100,003 columns, more than 1,000")
-    monkeypatch.setattr("jaxpack.files.spreadsheets.MOST_ROWS", 10)
+    monkeypatch.setattr("jaxpack.io.spreadsheets.MOST_ROWS", 10)
     rows = itertools.repeat("1,1,1\n", 11)
     assert_refused(lambda: read(tmp_path, "X,Y,Z\n" + "".join(rows), BINS_3D), "more than 10 rows")
-    monkeypatch.setattr("jaxpack.files.texts.MOST_BYTES", 2**20)
+    monkeypatch.setattr("jaxpack.io.texts.MOST_BYTES", 2**20)
     assert_refused(lambda: read(tmp_path, "X,Y,Z\n" + " " * 2**20, BINS_3D), "more than 1 MiB")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jaxpack import Cell, Comparison, MethodOptions, UserError, compare, make_method, preset
-from jaxpack.files.sweeps import open_sweep, tally
+from jaxpack.io.sweeps import open_sweep, tally
 
 PAPER = preset("paper-2d")
 CELL = Cell(PAPER.problem.bin, PAPER.distribution)

@@ -11,7 +11,7 @@ from cases import TINY
 
 from jaxpack import Cell, Distribution, PointerConfig, TrainConfig, init_state, make_train
 from jaxpack.errors import UserError
-from jaxpack.files.configs import config_from_dict, config_to_dict
+from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.learning import trainer
 from jaxpack.learning.gradients import Outcome
 from jaxpack.learning.presets import PRESETS, preset

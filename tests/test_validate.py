@@ -9,8 +9,8 @@ from cases import packer, random_cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxpack.packing.problem import Instance, Packing, Problem
-from jaxpack.packing.validate import InvalidPackingError, check_packings, violations
+from jaxpack.model.packing_check import InvalidPackingError, check_packings, violations
+from jaxpack.model.problem import Instance, Packing, Problem
 
 # One packing by hand, bin 5 x 1 x 6, drawn with x to the right and z upwards:
 #

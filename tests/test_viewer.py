@@ -12,10 +12,10 @@ from matplotlib import image
 from matplotlib.figure import Figure
 from playwright.sync_api import sync_playwright
 
-from jaxpack.files import pictures
-from jaxpack.files.pictures import write_png
-from jaxpack.files.viewer import write_html
-from jaxpack.loading.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.io import pictures
+from jaxpack.io.pictures import write_png
+from jaxpack.io.viewer import write_html
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 
 pytestmark = pytest.mark.slow
 

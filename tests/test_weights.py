@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 
+import jaxpack
 from jaxpack import (
     Cell,
     Comparison,
@@ -16,14 +17,13 @@ from jaxpack import (
     Policy,
     UserError,
     compare,
-    files,
     init_pointer,
     load_policy,
     make_method,
     preset,
     save_policy,
 )
-from jaxpack.files.weights import shipped_policies
+from jaxpack.io.weights import shipped_policies
 
 RECIPE = preset("paper-2d")
 
@@ -119,7 +119,7 @@ def test_the_bin_aware_policies_give_their_row_in_the_readme(dimension):
 
 
 def test_shipped_policies_say_where_they_come_from_and_are_small():
-    folder = Path(files.__file__).parent.parent / "weights"
+    folder = Path(jaxpack.__file__).parent / "weights"
     assert sum(file.stat().st_size for file in folder.iterdir()) < 2 * 2**20
     for name in shipped_policies():
         record = json.loads((folder / f"{name}.json").read_text())

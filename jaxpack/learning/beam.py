@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_aware import order_of, reset, step
 from jaxpack.learning.bin_network import BinAwareConfig, look, scores
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.learning.rollout import LANES
-from jaxpack.packing.pieces import in_pieces
-from jaxpack.packing.problem import Instance, Problem
+from jaxpack.model.problem import Instance, Problem
+from jaxpack.packing.env import order_of, reset, step
+from jaxpack.xla.pieces import in_pieces
 
 
 def beam_orders(

@@ -16,9 +16,9 @@ import numpy as np
 from jax import Array
 
 from jaxpack.errors import UserError, check_counts
-from jaxpack.learning.bin_aware import BinState, Candidates, Kinds, candidates
 from jaxpack.learning.parameters import MASKED, Params
-from jaxpack.packing.problem import Problem
+from jaxpack.model.problem import Problem
+from jaxpack.packing.env import BinState, Candidates, Kinds, candidates
 
 BUCKETS = 10  # of the histograms over heights
 

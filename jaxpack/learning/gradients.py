@@ -9,17 +9,17 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
-from jaxpack.devices import PART, WHOLE, mean_over_batch
 from jaxpack.learning.bin_network import BinAwareConfig, Sight, scores
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
 from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.pointer import apply_value, sample_order
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
+from jaxpack.model.objectives import bins_used, compactness, pyramid
+from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.metrics import bins_used, compactness, pyramid
-from jaxpack.packing.pieces import side_by_side
-from jaxpack.packing.problem import Instance, Packing, in_orientation
+from jaxpack.xla.devices import PART, WHOLE, mean_over_batch
+from jaxpack.xla.pieces import side_by_side
 
 
 class Outcome(NamedTuple):

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.learning.parameters import MASKED, Params, PointerConfig
-from jaxpack.packing.problem import Instance, Problem
+from jaxpack.model.problem import Instance, Problem
 
 
 class PointerNetwork(nn.Module):

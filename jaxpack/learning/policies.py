@@ -10,7 +10,7 @@ from jax import Array
 from jaxpack.learning.bin_network import BinAwareConfig, init_network
 from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.rollout import choose_orders
-from jaxpack.packing.problem import Instance, Problem
+from jaxpack.model.problem import Instance, Problem
 
 Network = PointerConfig | BinAwareConfig
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.recipe import TrainConfig
-from jaxpack.packing.instances import Cell, Distribution
-from jaxpack.packing.problem import Problem
+from jaxpack.model.instances import Cell, Distribution
+from jaxpack.model.problem import Problem
 
 PAPER_2D = Problem(bin=(10, 1, 10), largest=(5, 1), support=0.5, inclusive=True)
 PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=False)

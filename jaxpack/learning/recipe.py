@@ -8,9 +8,9 @@ from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.policies import Network
-from jaxpack.packing.instances import Cell, Distribution
-from jaxpack.packing.metrics import bins_first_cost, paper_cost
-from jaxpack.packing.problem import Instance, Packing, Problem
+from jaxpack.model.instances import Cell, Distribution
+from jaxpack.model.objectives import bins_first_cost, paper_cost
+from jaxpack.model.problem import Instance, Packing, Problem
 
 OBJECTIVES = {"paper": paper_cost, "bins": bins_first_cost}
 CHOICES: dict[str, tuple[str, ...]] = {

@@ -8,7 +8,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_aware import (
+from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
+from jaxpack.learning.parameters import Params
+from jaxpack.model.problem import Instance, Problem
+from jaxpack.packing.env import (
     BinState,
     Kinds,
     compact,
@@ -17,10 +20,7 @@ from jaxpack.learning.bin_aware import (
     reset,
     step,
 )
-from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
-from jaxpack.learning.parameters import Params
-from jaxpack.packing.pieces import in_pieces
-from jaxpack.packing.problem import Instance, Problem
+from jaxpack.xla.pieces import in_pieces
 
 Choice = tuple[Array, Array]  # label of the kind and orientation, int32 [B] each
 

@@ -19,8 +19,8 @@ from jaxpack.learning.gradients import Outcome, policy_gradient
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import TrainConfig
-from jaxpack.packing.instances import sample_at
-from jaxpack.packing.problem import Instance
+from jaxpack.model.instances import sample_at
+from jaxpack.model.problem import Instance
 
 
 class TrainState(NamedTuple):

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.model.problem import Problem
 from jaxpack.packing.height_map import higher, lowest
-from jaxpack.packing.problem import Problem
 
 
 class Rests(NamedTuple):

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jax.custom_batching import custom_vmap
 
+from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.height_map import (
     LARGE_WINDOW,
     Triple,
@@ -28,9 +29,8 @@ from jaxpack.packing.height_map import (
     lowest,
     rest,
 )
-from jaxpack.packing.pieces import in_pieces
-from jaxpack.packing.problem import Instance, Packing, Problem
-from jaxpack.packing.programs import least, loops_are_whole, total, whole
+from jaxpack.xla.pieces import in_pieces
+from jaxpack.xla.programs import least, loops_are_whole, total, whole
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a

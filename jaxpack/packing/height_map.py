@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.packing.problem import Problem
-from jaxpack.packing.programs import apart
+from jaxpack.model.problem import Problem
+from jaxpack.xla.programs import apart
 
 Triple = tuple[Array, Array, Array]
 

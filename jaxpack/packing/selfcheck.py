@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxpack.errors import UserError
+from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.problem import Instance, Packing, Problem
 
 Packer = Callable[[Problem, Instance, np.ndarray], Packing]
 """`pack` over a batch."""

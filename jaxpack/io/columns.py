@@ -1,0 +1,269 @@
+"""What the columns of a table of items or bins mean.
+
+No column that says something about the packing is passed over without a word: what is nearly a
+known column is an error, so is one of PackingSolver's that is not obeyed, and any other is named
+in a note.
+"""
+
+import difflib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+
+from jaxpack.errors import UserError
+from jaxpack.io import foreign
+from jaxpack.io.notes import Say, note, silent
+from jaxpack.io.spreadsheets import plain_numbers
+from jaxpack.io.tables import Table
+from jaxpack.model.job import ORIENTATIONS
+from jaxpack.model.numbers import fault, show
+
+SIDES = {2: ("WIDTH", "HEIGHT"), 3: ("X", "Y", "Z")}
+ROTATIONS = {f"ROTATION_{name}": name for name in ORIENTATIONS}
+NAMES = ("NAME", "ID")
+UNITS = {  # of length -> mm
+    **dict.fromkeys(("MM",), Fraction(1)),
+    **dict.fromkeys(("CM",), Fraction(10)),
+    **dict.fromkeys(("DM",), Fraction(100)),
+    **dict.fromkeys(("M",), Fraction(1000)),
+    **dict.fromkeys(("IN", "INCH", "INCHES"), Fraction(254, 10)),
+    **dict.fromkeys(("FT", "FEET"), Fraction(3048, 10)),
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How tables are read."""
+
+    ignore: frozenset[str] = frozenset()  # columns, in capitals, that are left out of account
+    packingsolver: bool = False  # what is not said means what it does in PackingSolver
+    say: Say = silent  # takes a line for everything that was assumed
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a table can say beside the sides."""
+
+    numbers: tuple[str, ...]
+    flags: Mapping[int, tuple[str, ...]]  # by dimension
+    meant: Mapping[str, str]  # another word -> the column that says it
+    foreign: Mapping[str, foreign.Harmless]
+
+    def columns(self, dimension: int) -> tuple[str, ...]:
+        """All columns that are obeyed."""
+        return (*SIDES[dimension], *self.numbers, *self.flags[dimension], *NAMES)
+
+
+_COUNTS = ("QTY", "QUANTITY", "COUNT", "AMOUNT", "PIECES", "PCS", "NUMBER", "UNITS", "COPY")
+_LOADS = ("WEIGHT", "MAX_WEIGHT", "MAXWEIGHT", "WEIGHT_LIMIT", "PAYLOAD", "MAX_LOAD", "CAPACITY")
+
+ITEMS = Kind(
+    numbers=("COPIES", "WEIGHT"),
+    flags={2: ("ORIENTED",), 3: tuple(ROTATIONS)},
+    meant={**dict.fromkeys(_COUNTS, "COPIES"), "MASS": "WEIGHT", "UNIT_WEIGHT": "WEIGHT"},
+    foreign=foreign.OF_ITEMS,
+)
+BINS = Kind(
+    numbers=("COST", "COPIES", "MAXIMUM_WEIGHT"),
+    flags={2: (), 3: ()},
+    meant={
+        **dict.fromkeys((*_COUNTS, "STOCK", "AVAILABLE"), "COPIES"),
+        **dict.fromkeys(_LOADS, "MAXIMUM_WEIGHT"),
+        **dict.fromkeys(("PRICE", "UNIT_COST"), "COST"),
+    },
+    foreign=foreign.OF_BINS,
+)
+
+_UNIT = "|".join(UNITS)
+_SIDE = re.compile(
+    rf"(LENGTH|WIDTH|HEIGHT|DEPTH|X|Y|Z)(?:[ _]?[(\[] ?({_UNIT}) ?[)\]]|[ _/]({_UNIT}))?"
+)
+_SOLID = (
+    ("LENGTH", "WIDTH", "HEIGHT"),
+    ("LENGTH", "DEPTH", "HEIGHT"),
+    ("WIDTH", "DEPTH", "HEIGHT"),
+)
+"""What some call the sides along x, y and z."""
+_WEIGHT_UNIT = re.compile(r"_(KGS?|G|LBS?|T|TONS?)$")
+
+
+@dataclass(frozen=True)
+class Understood:
+    """A table whose columns are those that are known."""
+
+    table: Table
+    dimension: int
+    unit: str = ""  # of its lengths, a key of UNITS if it names one
+    sides: tuple[str, ...] = field(default=())  # what it calls x, y and z if not so
+    columns: frozenset[str] = frozenset()  # all there were
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """The columns that say how an item may be turned."""
+        return tuple(name for name in ITEMS.flags[self.dimension] if name in self.table.columns)
+
+
+def understand(table: Table, kind: Kind, reading: Reading) -> Understood:
+    """The table with the sides named as SIDES, and numbers as programs write them.
+
+    Raises:
+        UserError: naming the column that is missing, twice there, misspelt or not obeyed.
+    """
+    there = frozenset(table.columns)
+    kept = tuple("" if name in reading.ignore else name for name in table.columns)
+    table, called, unit = _renamed(replace(table, columns=kept), reading.say)
+    dimension = _dimension(table)
+    obeyed = kind.columns(dimension)
+    table.need(SIDES[dimension], obeyed)
+    unknown = [
+        name
+        for name in dict.fromkeys(table.columns)
+        if name not in obeyed and name not in reading.ignore
+    ]
+    for name in unknown:
+        _check_misnamed(table, name, kind, dimension)
+    numbers = (
+        *SIDES[dimension],
+        *kind.numbers,
+        *(name for name in unknown if name in kind.foreign),
+    )
+    table = plain_numbers(table, numbers, reading.say)
+    for name in unknown:
+        if name in kind.foreign:
+            for row in table.rows():
+                foreign.check_foreign(row, name, kind.foreign[name])
+    if others := [name for name in unknown if name and name not in kind.foreign]:
+        more = f" and {len(others) - 9} more" if len(others) > 9 else ""
+        names = ", ".join(name[:30] for name in others[:9])
+        reading.say(note(table.source, f"columns not used: {names}{more}"))
+    return Understood(table, dimension, unit, called, there)
+
+
+def _renamed(table: Table, say: Say) -> tuple[Table, tuple[str, ...], str]:
+    """The table with its sides called as they are known, what they were called, and their unit."""
+    columns = table.columns
+    if any(set(names) <= set(columns) for names in ((*SIDES[3],), (*SIDES[2],))) and not (
+        set(SIDES[3]) - set(columns) and {"LENGTH", "DEPTH"} & set(columns)
+    ):
+        return table, (), ""
+    found: dict[str, list[str]] = {}
+    units: dict[str, str] = {}
+    for name in columns:
+        if match := _SIDE.fullmatch(name):
+            found.setdefault(match[1], []).append(name)
+            units[name] = match[2] or match[3] or ""
+    called = _called(table, found)
+    if not called:
+        return table, (), ""
+    named: dict[str, str] = {}
+    for side, word in zip(SIDES[len(called)], called, strict=True):
+        if len(found[word]) > 1:
+            raise fault(table.header, f"columns {' and '.join(found[word])}: keep one of them")
+        named[found[word][0]] = side
+    unit = {units[name] for name in named}
+    if len({UNITS.get(one) for one in unit}) > 1:
+        raise fault(table.header, f"columns {', '.join(named)}: give all sides in one unit")
+    told = ", ".join(f"{name} as {side}" for name, side in named.items() if name != side)
+    say(note(table.source, f"read {told}"))
+    renamed = tuple(named.get(name, name) for name in columns)
+    words = called if called in _SOLID else ()
+    return replace(table, columns=renamed), words, next(iter(unit))
+
+
+def _called(table: Table, found: Mapping[str, object]) -> tuple[str, ...]:
+    """Which of the columns' words are the sides, by axis; none if they are not all there."""
+    solid = [words for words in (SIDES[3], *_SOLID) if set(words) <= set(found)]
+    if len(solid) > 1:
+        what = f"{', '.join(found)}: which are the three sides?"
+        raise fault(table.header, what, "name them X, Y and Z")
+    if solid:
+        return solid[0]
+    flat = set(SIDES[2]) <= set(found) and not {"LENGTH", "DEPTH"} & set(found)
+    return SIDES[2] if flat else ()
+
+
+def _dimension(table: Table) -> int:
+    """2 or 3: the one whose columns are there."""
+    found = [d for d, names in SIDES.items() if set(names) <= set(table.columns)]
+    if len(found) == 2:
+        raise fault(table.header, "columns of 2D (WIDTH, HEIGHT) and of 3D (X, Y, Z): keep either")
+    if not found:
+        # The one of which most is there or misspelt is meant.
+        likeness = {
+            d: sum(
+                2 * (n in table.columns) + bool(difflib.get_close_matches(n, table.columns))
+                for n in names
+            )
+            for d, names in SIDES.items()
+        }
+        if not any(likeness.values()):
+            there = ", ".join(table.columns)[:60] or "none"
+            what = f"columns WIDTH, HEIGHT (2D) or X, Y, Z (3D) are missing: there are {there}"
+            raise fault(table.header, what)
+        found = [max(likeness, key=lambda d: likeness[d])]
+        table.need(SIDES[found[0]])
+    return found[0]
+
+
+def _check_misnamed(table: Table, name: str, kind: Kind, dimension: int) -> None:
+    """Refuses a column that says in other words what a known one says."""
+    if name in kind.foreign:
+        return
+    flags = kind.flags[dimension]
+    of_other = kind.flags[5 - dimension]
+    if flags and (name in of_other or name.startswith("ROTAT")):  # to ignore it would forbid
+        place = f" in {dimension}D" if name in of_other else ""  # what it allows
+        raise fault(table.header, f"column {name} is not known{place}", f"use {', '.join(flags)}")
+    word = re.sub(r"[^A-Z0-9]+", "_", name).strip("_")
+    bare = _WEIGHT_UNIT.sub("", word)
+    known = (*kind.numbers, *flags)
+    if bare in known:
+        meant = bare
+    elif bare in kind.meant:
+        meant = kind.meant[bare]
+    else:
+        close = difflib.get_close_matches(bare, known, 1, 0.8) if len(bare) < 30 else []
+        if not close or _SIDE.fullmatch(name):
+            return
+        meant = close[0]
+    if meant not in table.columns:
+        advice = f"Rename it, or leave it out of account with --ignore {show(name)}"
+        raise fault(table.header, f"column {name} is not known; is {meant} meant? {advice}")
+
+
+def same_unit(items: Understood, bins: Understood, say: Say) -> Fraction:
+    """What the lengths of the bins are multiplied with to be in the unit of the items.
+
+    Raises:
+        UserError: where the two do not mean the same by their columns.
+    """
+    if items.sides and bins.sides and items.sides != bins.sides:
+        called = f"sides {', '.join(bins.sides)}, but those of the items are"
+        raise fault(bins.table.header, f"{called} {', '.join(items.sides)}", "call them alike")
+    if items.unit and bins.unit:
+        factor = UNITS[bins.unit] / UNITS[items.unit]
+        if factor != 1:
+            what = f"lengths in {bins.unit} are read as {items.unit}, that of the items"
+            say(note(bins.table.source, f"{what}: times {_shown(factor)}"))
+        return factor
+    if items.unit or bins.unit:
+        one, other = (items, bins) if items.unit else (bins, items)
+        say(note(other.table.source, f"lengths are taken to be in {one.unit} too"))
+    return Fraction(1)
+
+
+def _shown(factor: Fraction) -> str:
+    return str(factor) if factor.denominator > 1000 else f"{float(factor):g}"
+
+
+def check_ignored(reading: Reading, *tables: Understood) -> None:
+    """Refuses to ignore a column that is nowhere: it may be misspelt.
+
+    Raises:
+        UserError: naming it.
+    """
+    there = frozenset[str]().union(*(table.columns for table in tables))
+    for name in sorted(reading.ignore - there):
+        found = ", ".join(sorted(there))[:60] or "none"
+        raise UserError(f"--ignore {show(name)}: there is no such column: there are {found}")

@@ -1,0 +1,83 @@
+"""Columns of PackingSolver's files that are not obeyed here, and when they ask for nothing."""
+
+import math
+from collections.abc import Callable
+
+from jaxpack.io.tables import Row
+from jaxpack.model.numbers import fault
+
+Harmless = Callable[[Row, str], bool]  # whether the cell of that column asks for nothing
+
+_AXLES = ("MIDDLE_AXLE_MAXIMUM_WEIGHT", "REAR_AXLE_MAXIMUM_WEIGHT")
+_TRUCK = (
+    "IS_SEMI_TRAILER_TRUCK",
+    "TRACTOR_WEIGHT",
+    "FRONT_AXLE_MIDDLE_AXLE_DISTANCE",
+    "FRONT_AXLE_TRACTOR_GRAVITY_CENTER_DISTANCE",
+    "FRONT_AXLE_HARNESS_DISTANCE",
+    "EMPTY_TRAILER_WEIGHT",
+    "HARNESS_REAR_AXLE_DISTANCE",
+    "TRAILER_GRAVITY_CENTER_REAR_AXLE_DISTANCE",
+    "TRAILER_START_HARNESS_DISTANCE",
+)
+_TRIMS = ("LEFT_TRIM", "RIGHT_TRIM", "BOTTOM_TRIM", "TOP_TRIM")
+
+
+def _zero(row: Row, column: str) -> bool:
+    return row.number(column) == 0
+
+
+def _none(row: Row, column: str) -> bool:
+    return row.number(column) == -1
+
+
+def _any(row: Row, column: str) -> bool:
+    return True  # says how another column is meant
+
+
+def _no_limit(row: Row, column: str) -> bool:
+    return row.unlimited(column) or row.number(column) >= 2**31 - 1
+
+
+def _all_copies(row: Row, column: str) -> bool:
+    return row.number(column) == (row.number("COPIES") if row.has("COPIES") else 1)
+
+
+def _volume(row: Row, column: str) -> bool:
+    sides = ("X", "Y", "Z") if row.has("X") else ("WIDTH", "HEIGHT")
+    volume = math.prod(row.size(side) for side in sides)
+    return row.number(column) == -1 or math.isclose(row.number(column), volume, rel_tol=1e-5)
+
+
+OF_ITEMS: dict[str, Harmless] = {
+    "COPIES_MIN": _all_copies,
+    "PROFIT": _volume,
+    "GROUP_ID": _zero,
+    "STACKABILITY_ID": _zero,
+    "NESTING_HEIGHT": _zero,
+    "NESTING_LENGTH": _zero,
+    "MAXIMUM_STACKABILITY": _no_limit,
+    "MAXIMUM_WEIGHT_ABOVE": _no_limit,
+    "MAXIMUM_WEIGHT_AFTER": _no_limit,
+    "ELIGIBILITY_ID": _none,
+    "STACK_ID": _none,
+}
+OF_BINS: dict[str, Harmless] = {
+    "COPIES_MIN": _zero,
+    "MAXIMUM_STACK_DENSITY": _no_limit,
+    **dict.fromkeys(_TRUCK, _zero),
+    **dict.fromkeys(_AXLES, _no_limit),
+    **dict.fromkeys(_TRIMS, _zero),
+    **{f"{trim}_TYPE": _any for trim in _TRIMS},
+}
+
+
+def check_foreign(row: Row, column: str, harmless: Harmless) -> None:
+    """Refuses a cell that asks for what is not obeyed here.
+
+    Raises:
+        UserError: naming the row and the column.
+    """
+    if row.has(column) and not harmless(row, column):
+        what = "is not obeyed here"
+        raise fault(row.at(column), what, f"plan without it with --ignore {column}")

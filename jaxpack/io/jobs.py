@@ -1,0 +1,296 @@
+"""Jobs from files: tables with PackingSolver's columns, 2DPackLib's .ins2D, BED-BPP's orders.
+
+A table has a header with its columns in any order, capitals or not.
+
+    2D items   WIDTH, HEIGHT [, COPIES, WEIGHT, ORIENTED, NAME or ID]
+    2D bins    WIDTH, HEIGHT [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
+    3D items   X, Y, Z [, COPIES, WEIGHT, ROTATION_XYZ, ..., ROTATION_ZXY, NAME or ID]
+    3D bins    X, Y, Z [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
+
+An empty cell is as no column. Items have 1 copy then and weigh nothing. In 2D ORIENTED 0 lets an
+item be turned by a quarter; without that items may not be turned, as in the standard instances. In
+3D items may be turned as the ROTATION columns with 1 say, without any not at all. For bins empty
+or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. See docs/file-formats.md.
+"""
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from jaxpack.io.bed_bpp import read_orders
+from jaxpack.io.columns import (
+    BINS,
+    ITEMS,
+    NAMES,
+    ROTATIONS,
+    SIDES,
+    Reading,
+    Understood,
+    check_ignored,
+    same_unit,
+    understand,
+)
+from jaxpack.io.notes import Say, note, silent
+from jaxpack.io.spreadsheets import WORKBOOKS, read_table
+from jaxpack.io.tables import Row, Table, table_from_columns
+from jaxpack.io.texts import read_text
+from jaxpack.model.exact import exact
+from jaxpack.model.job import FLAT_TURNED, MOST_ITEMS, BinType, ItemType, Job, Sides
+from jaxpack.model.numbers import as_size, as_whole, fault, plain
+
+TABLES = (".csv", ".tsv", ".txt", *WORKBOOKS)
+
+
+def read_job(
+    items: Path,
+    bins: Path | None = None,
+    *,
+    ignore: str | Sequence[str] = (),
+    packingsolver: bool = False,
+    say: Say = silent,
+) -> list[Job]:
+    """The jobs of a file: one, or of a BED-BPP file one per order.
+
+    Args:
+        items: a file .csv, .xlsx, .ins2D or .json.
+        bins: a table of bins, .csv or .xlsx. A table of items needs it; for the others it replaces
+            what their file says: the bin of an .ins2D file, the target of an order (a euro pallet,
+            1200 x 800, if it names none, or a roll container, 800 x 700, both up to 2000 mm).
+        ignore: columns that are left out of account, capitals or not.
+        packingsolver: read tables exactly as PackingSolver 0.1.1233 does: without COPIES there is
+            one bin, 2D items without ORIENTED may be turned, without a rotation that is 1 items
+            are as given, -1 as MAXIMUM_WEIGHT is a limit, and decimals of lengths are cut off.
+        say: takes a line for everything that was assumed, such as the `append` of a list.
+
+    Raises:
+        UserError: naming the file, the row and the column (of JSON the order and the key).
+    """
+    reading = Reading(_capitals(ignore), packingsolver, say)
+    kind = items.suffix.lower()
+    if kind in TABLES:
+        if bins is None:
+            what = f"a {kind[1:].upper()} file of items needs one of bins too"
+            raise fault(items, f"{what}: give both")
+        return [_job(read_table(items, say), read_table(bins, say), items.stem, reading)]
+    if kind not in (".ins2d", ".json"):
+        raise fault(items, f"files '{kind}' are not known: give .csv, .xlsx, .ins2D or .json")
+    given = None
+    if bins is not None:
+        read = understand(read_table(bins, say), BINS, reading)
+        check_ignored(reading, read)
+        given = _bins(read, 2 if kind == ".ins2d" else 3, Fraction(1), reading)
+    else:
+        check_ignored(reading)
+    return [_read_ins2d(items, given)] if kind == ".ins2d" else read_orders(items, given)
+
+
+def job_from_columns(
+    items: Any,
+    bins: Any,
+    name: str = "",
+    *,
+    ignore: str | Sequence[str] = (),
+    packingsolver: bool = False,
+    say: Say = silent,
+) -> Job:
+    """A job from tables of a program, with the columns of the CSV files.
+
+    Args:
+        items: a data frame, a dict of columns, a structured NumPy array or a list of dicts. None,
+            NaN and NA are empty cells.
+        bins: likewise.
+        name: the job's name.
+        ignore, packingsolver, say: see `read_job`.
+
+    Raises:
+        UserError: naming the table, the row, counted from 0, and the column.
+    """
+    reading = Reading(_capitals(ignore), packingsolver, say)
+    tables = table_from_columns(items, "items"), table_from_columns(bins, "bins")
+    return _job(*tables, name, reading)
+
+
+def _capitals(names: str | Sequence[str]) -> frozenset[str]:
+    names = [names] if isinstance(names, str) else names
+    return frozenset(" ".join(name.upper().split()) for name in names)
+
+
+def _job(items: Table, bins: Table, name: str, reading: Reading) -> Job:
+    goods, rooms = understand(items, ITEMS, reading), understand(bins, BINS, reading)
+    check_ignored(reading, goods, rooms)
+    types = _items(goods, reading)
+    factor = same_unit(goods, rooms, reading.say)
+    return Job(types, _bins(rooms, goods.dimension, factor, reading), goods.dimension, name)
+
+
+def _size(row: Row, dimension: int, whole: bool) -> Sides:
+    sides = [row.size(column) for column in SIDES[dimension]]
+    if whole:
+        for column, side in zip(SIDES[dimension], sides, strict=True):
+            if side < 1 or (isinstance(row.cell(column), str) and "e" in row.cell(column).lower()):
+                what = f"{row.cell(column)} is read up to its first sign that is no digit"
+                raise fault(row.at(column), what, "PackingSolver knows whole numbers only")
+        sides = [float(math.floor(side)) for side in sides]
+    return (sides[0], 1.0, sides[1]) if dimension == 2 else (sides[0], sides[1], sides[2])
+
+
+def _say_cut(read: Understood, reading: Reading) -> None:
+    """Says that decimals are cut off where there are any."""
+    if not reading.packingsolver:
+        return
+    for row in read.table.rows():
+        for column in SIDES[read.dimension]:
+            if not row.size(column).is_integer():
+                what = f"{plain(row.size(column))} is read without its decimals"
+                reading.say(note(row.at(column), f"{what}, as PackingSolver reads all lengths"))
+                return
+
+
+def _items(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
+    table = read.table
+    if not table.lines:
+        raise fault(table.header, "no items below the header: give at least one")
+    _say_cut(read, reading)
+    items = []
+    total = 0
+    for row in table.rows():
+        copies = row.whole("COPIES", low=0) if row.has("COPIES") else 1
+        total = _count(total + copies, f"{row.at('COPIES')}: {copies} copies")
+        flat = read.dimension == 2
+        ways = _flat_orientations(row, reading) if flat else _orientations(row, read.flags, reading)
+        items.append(
+            ItemType(
+                _size(row, read.dimension, reading.packingsolver),
+                copies,
+                row.weight("WEIGHT"),
+                ways,
+                row.text(*NAMES),
+                f"row {row.row}",
+            )
+        )
+    if not total:
+        raise fault(table.header, "all COPIES are 0: give at least one item")
+    return tuple(items)
+
+
+def _count(total: int, what: str) -> int:
+    if total > MOST_ITEMS:
+        raise fault(what, f"more than {MOST_ITEMS:,} items in all: split the job")
+    return total
+
+
+def _flat_orientations(row: Row, reading: Reading) -> tuple[str, ...]:
+    return ("XYZ",) if row.flag("ORIENTED", default=not reading.packingsolver) else FLAT_TURNED
+
+
+def _orientations(row: Row, columns: Sequence[str], reading: Reading) -> tuple[str, ...]:
+    allowed = tuple(ROTATIONS[column] for column in columns if row.flag(column, default=False))
+    if allowed or reading.packingsolver or not any(row.has(column) for column in columns):
+        return allowed or ("XYZ",)
+    raise fault(row.where, f"columns {', '.join(columns)}", "all are 0: allow at least one")
+
+
+def _bins(
+    read: Understood, dimension: int, factor: Fraction, reading: Reading
+) -> tuple[BinType, ...]:
+    table = read.table
+    if read.dimension != dimension:
+        sides = ", ".join(SIDES[dimension])
+        what = f"bins of {read.dimension}D for items of {dimension}D"
+        raise fault(table.header, what, f"give bins with columns {sides}")
+    if not table.lines:
+        raise fault(table.header, "no bins below the header: give at least one")
+    _say_cut(read, reading)
+    bins = []
+    for row in table.rows():
+        size = _size(row, dimension, reading.packingsolver)
+        if factor != 1:
+            x, y, z = (float(exact(side) * factor) for side in size)
+            size = x, (1.0 if dimension == 2 else y), z
+        limit, none = _limit(row, reading)
+        bins.append(
+            BinType(
+                size,
+                _cost(row) if _given(row, "COST") else None,
+                0 if none else _bin_copies(row, reading),
+                limit,
+                row.text(*NAMES),
+                f"row {row.row} of {Path(table.source).name}",
+            )
+        )
+    return tuple(bins)
+
+
+def _given(row: Row, column: str) -> bool:
+    """Whether the cell is neither empty nor -1, which stands for no limit."""
+    return row.has(column) and (row.unlimited(column) or row.number(column) != -1)
+
+
+def _bin_copies(row: Row, reading: Reading) -> int | None:
+    if reading.packingsolver and not row.has("COPIES"):
+        return 1
+    if not _given(row, "COPIES") or row.unlimited("COPIES"):
+        return None
+    return row.whole("COPIES", low=0)
+
+
+def _limit(row: Row, reading: Reading) -> tuple[float, bool]:
+    """The most weight, and whether nothing can keep to it."""
+    column = "MAXIMUM_WEIGHT"
+    if not row.has(column) or row.unlimited(column):
+        return math.inf, False
+    if row.number(column) == -1:
+        if not reading.packingsolver:
+            return math.inf, False
+        what = "-1 is a limit that nothing keeps to in PackingSolver: the bin is not used"
+        reading.say(note(row.at(column), what))
+        return 0.0, True
+    return row.weight(column), False
+
+
+def _cost(row: Row) -> float:
+    cost = row.number("COST")
+    if cost < 0:
+        raise fault(row.at("COST"), f"{cost:g} is negative: give 0 or more, or -1 for the volume")
+    return cost
+
+
+def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
+    """Lines `m`, `W H`, then m of `i w h [dmin [dmax [profit]]]`: dmin copies; may not be turned.
+
+    A strip packing file has -1 for H and needs `bins`.
+    """
+    lines = [
+        (f"{path}: row {number}", line.split())
+        for number, line in enumerate(read_text(path).split("\n"), 1)
+        if line.strip()
+    ]
+    for (where, fields), names in zip(lines, ("m", "W H"), strict=False):
+        if len(fields) != len(names.split()):
+            raise fault(where, f"{len(fields)} fields, expected '{names}'")
+    if len(lines) < 2:
+        raise fault(path, "expected a line 'm' and a line 'W H' before the items")
+    (first, (count,)), (second, (wide, high)) = lines[:2]
+    number = as_whole(count, f"{first}, column m", low=1)
+    if number != len(lines) - 2:
+        raise fault(first, "column m", f"{number} items announced, {len(lines) - 2} are there")
+    if bins is None:
+        bins = (BinType(_flat(second, W=wide, H=high), where="row 2"),)
+    items = []
+    total = 0
+    for where, fields in lines[2:]:
+        if not 3 <= len(fields) <= 6:
+            raise fault(where, f"{len(fields)} fields, expected 'i w h dmin dmax profit'")
+        size = _flat(where, w=fields[1], h=fields[2])
+        copies = as_whole(fields[3], f"{where}, column dmin", low=1) if len(fields) > 3 else 1
+        total = _count(total + copies, f"{where}, column dmin: {copies} copies")
+        row = where.rsplit(": ", 1)[-1]
+        items.append(ItemType(size, copies, name=fields[0], where=row))
+    return Job(tuple(items), bins, dimension=2, name=path.stem)
+
+
+def _flat(where: str, **sides: str) -> Sides:
+    width, height = (as_size(text, f"{where}, column {name}") for name, text in sides.items())
+    return width, 1.0, height

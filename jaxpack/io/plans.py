@@ -1,0 +1,106 @@
+"""Plans in files as JSON, with all that they say of the job.
+
+Bins, items and their types have the numbers of the job and the plan, from 0; steps count from 1
+through all bins. Lengths and weights are in the job's units.
+"""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from jaxpack.io.certificates import alike
+from jaxpack.io.steps import Step, sides_of, steps_of
+from jaxpack.io.texts import (
+    json_line,
+    json_lines,
+    member,
+    member_index,
+    member_vector,
+    read_json,
+    write_text,
+)
+from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
+from jaxpack.model.numbers import fault, plain, show
+
+
+def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
+    """Writes a plan with all that it says of the job: a line per bin and per item.
+
+    Positions are front-bottom-left corners, sides and extents along x, y and z; a bin's fill is
+    the share of its volume that is filled.
+    """
+    loads: list[list[Step]] = [[] for _ in plan.bins]
+    for step in steps_of(job, plan):
+        loads[step.bin].append(step)
+    bins = []
+    for number, (packed, steps) in enumerate(zip(plan.bins, loads, strict=True)):
+        kind = job.bins[packed.bin]
+        filled = math.fsum(step.volume for step in steps)
+        about = {
+            "bin": number,
+            "type": packed.bin,
+            "name": kind.name,
+            "size": sides_of(kind.size),
+            "cost": plain(kind.price),
+            "weight": plain(math.fsum(step.item.weight for step in steps)),
+            "fill": round(filled / math.prod(kind.size), 6),
+        }
+        items = [
+            {
+                "step": step.number,
+                "item": step.placement.item,
+                "name": step.item.name,
+                "position": sides_of(step.placement.corner),
+                "extent": sides_of(step.extent),
+                "orientation": step.placement.orientation,
+                "weight": plain(step.item.weight),
+            }
+            for step in steps
+        ]
+        bins.append(
+            f'{json_line(about)[:-1]}, "items": {json_lines(map(json_line, items), "    ")}}}'
+        )
+    left_out = [json_line({"item": n, "name": job.items[n].name}) for n in plan.left_out]
+    head = f'"job": {json_line(job.name)},\n"dimension": {job.dimension}'
+    lists = f'"bins": {json_lines(bins, "  ")},\n"left_out": {json_lines(left_out, "  ")}'
+    write_text(path, f"{{\n{head},\n{lists}\n}}\n")
+
+
+def read_plan_json(path: Path, job: Job) -> Plan:
+    """The plan that `write_plan_json` wrote of a job; its validity is not checked.
+
+    Raises:
+        UserError: naming the bin and the item, where its types are not those of the job or
+            anything else is wrong with the file.
+    """
+    data = read_json(path)
+    bins = []
+    for number, one in enumerate(member(data, "bins", list, str(path))):
+        where = f"{path}: bin {number}"
+        bin_type = member_index(one, "type", len(job.bins), where)
+        _check_vector(one, "size", job.bins[bin_type].size, where)
+        items = enumerate(member(one, "items", list, where))
+        placed = tuple(_placement(item, job, f"{where}, item {index}") for index, item in items)
+        bins.append(PackedBin(bin_type, placed))
+    left = enumerate(member(data, "left_out", list, str(path)))
+    left_out = (
+        member_index(one, "item", len(job.items), f"{path}: left_out {n}") for n, one in left
+    )
+    return Plan(tuple(bins), tuple(left_out))
+
+
+def _placement(data: Any, job: Job, where: str) -> Placement:
+    index = member_index(data, "item", len(job.items), where)
+    orientation = member(data, "orientation", str, where)
+    if orientation not in ORIENTATIONS:
+        what = f"{show(orientation)} is not known: use {', '.join(ORIENTATIONS)}"
+        raise fault(where, "key 'orientation'", what)
+    _check_vector(data, "extent", job.items[index].turned(orientation), where)
+    return Placement(index, orientation, member_vector(data, "position", where))
+
+
+def _check_vector(data: Any, key: str, wanted: Sides, where: str) -> None:
+    found = member_vector(data, key, where)
+    if not all(map(alike, found, wanted)):
+        what = f"{sides_of(found)}, but this job has {sides_of(wanted)}: is it of another job?"
+        raise fault(where, f"key '{key}'", what)

@@ -1,0 +1,75 @@
+"""A page of a plan that opens in any browser, without a network: bins to turn, zoom and load."""
+
+import html
+import json
+import math
+import re
+from collections import Counter
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from plotly.offline import get_plotlyjs
+
+from jaxpack.io.atomic import replace_file
+from jaxpack.io.colours import item_colours
+from jaxpack.model.figures import fill
+from jaxpack.model.job import Job, PackedBin, Plan
+
+
+def write_html(path: Path, job: Job, plan: Plan, title: str = "") -> None:
+    """Writes a standalone page (5 MB: the library that draws is in it) that shows a plan.
+
+    Bins and items have the numbers that they have in the plan's files, from 0; steps are from 1.
+
+    Args:
+        path: the file to write.
+        job: what had to be packed.
+        plan: a packing of it.
+        title: the page's heading; the job's name if not given.
+    """
+    text = json.dumps(_shown(job, plan), allow_nan=False)
+    parts = {
+        "title": html.escape(title or job.name or "Loading plan"),
+        "plan": text.replace("<", "\\u003c"),  # no name in it can end the script or open another
+        "plotly": get_plotlyjs(),
+    }
+    template = resources.files("jaxpack.io").joinpath("viewer.html").read_text("utf-8")
+    # One pass: a name that reads like a placeholder stays as it is.
+    page = re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+    with replace_file(path, "wb") as file:  # a title from a file's name may be no proper Unicode
+        file.write(page.encode("utf-8", "xmlcharrefreplace"))
+
+
+def _shown(job: Job, plan: Plan) -> dict[str, Any]:
+    """What the script of the page draws."""
+    names = [item.name or f"item {index}" for index, item in enumerate(job.items)]
+    return {
+        "flat": job.dimension == 2,
+        "types": [
+            {"name": name, "size": item.size, "weight": item.weight, "color": colour}
+            for name, item, colour in zip(names, job.items, item_colours(job), strict=True)
+        ],
+        "bins": [_shown_bin(job, packed) for packed in plan.bins],
+        "leftOut": [[names[item], copies] for item, copies in Counter(plan.left_out).items()],
+    }
+
+
+def _shown_bin(job: Job, packed: PackedBin) -> dict[str, Any]:
+    kind = job.bins[packed.bin]
+    return {
+        "type": kind.name or f"type {packed.bin}",
+        "size": kind.size,
+        "fill": fill(job, packed),
+        "weight": sum(job.items[placed.item].weight for placed in packed.placements),
+        "maxWeight": kind.max_weight if math.isfinite(kind.max_weight) else None,
+        "items": [
+            {
+                "type": placed.item,
+                "size": job.items[placed.item].turned(placed.orientation),
+                "corner": placed.corner,
+                "orientation": placed.orientation,
+            }
+            for placed in packed.placements
+        ],
+    }

@@ -1,0 +1,236 @@
+"""What no plan can do without that leaves out no item that fits: bins, and their cost.
+
+Bounds count the items that fit some bin: the others are left out of every plan. They hold for
+boxes that do not overlap, however they rest on each other.
+"""
+
+import math
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from jaxpack.model.cover import Need, least
+from jaxpack.model.exact import exact
+from jaxpack.model.figures import PlanFigures, plan_worth, volume
+from jaxpack.model.goods import UNLIMITED, Goods, goods_of
+from jaxpack.model.job import Job, Plan
+from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
+from jaxpack.model.scales import scaled_needs
+
+WORK = 2**23  # products of lengths in scales, about: a tenth of a second
+LONGEST = 2**16  # units of a side of which it is found out what the items come to
+LIGHT = 40  # bits of a weight
+
+
+Worth = tuple[int, Fraction, int, Fraction]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What every plan has at least that leaves out no item that fits some bin."""
+
+    bins: int
+    cost: float  # see `figures.total_cost`: bins without a cost count with their volume
+    unfit: int  # copies of items that no bin can hold: they are left out of every plan
+    worth: Worth  # no plan has a smaller `figures.plan_worth`
+
+    def reached_by(self, job: Job, plan: Plan) -> bool:
+        """Whether no plan is better, in anything that is minimised."""
+        return plan_worth(job, plan) <= self.worth
+
+
+def bounds(job: Job, seconds: float | None = None) -> Bounds:
+    """Bounds of a job, in work that hardly grows with it: a fraction of a second, under 200 MB.
+
+    Where there are not as many bins as are needed, no plan is what the bounds are for; what they
+    are then means nothing.
+
+    Args:
+        job: items and bins.
+        seconds: after which no more bounds are tried: the first few are had in any case.
+    """
+    begun = time.monotonic()
+    goods = goods_of(job)
+    if not len(goods.copies):
+        return Bounds(0, 0.0, goods.unfit, (goods.unfit, Fraction(0), 0, Fraction(0)))
+    costs = [exact(kind.price) for kind in goods.kinds]
+    volumes = [volume(kind.size) for kind in goods.kinds]
+    needs = []
+    for need in _needs(goods, np.array([float(cost) for cost in costs])):
+        needs.append(need)
+        if seconds is not None and time.monotonic() - begun > seconds:
+            break
+    copies = [math.inf if kind.copies is None else kind.copies for kind in goods.kinds]
+    ones = [Fraction(1)] * len(costs)
+    (bins,) = _least([ones], copies, needs)
+    needs.append(Need(int(bins), (1,) * len(costs)))
+    if job.priced:
+        cost, number, room = _least([costs, ones, volumes], copies, needs)
+        worth = (goods.unfit, cost, int(number), room)
+    else:
+        (cost,) = _least([costs], copies, needs)
+        number, room = _least([ones, volumes], copies, needs)
+        worth = (goods.unfit, Fraction(0), int(number), room)
+    return Bounds(int(bins), float(cost), goods.unfit, worth)
+
+
+def gap(job: Job, figures: PlanFigures, bounds: Bounds) -> float | None:
+    """How far a plan is above the least that is possible, at most: 0.05 is 5 %.
+
+    Of the cost if the job is priced, of the bins otherwise. Infinite where that may be nothing;
+    None where items that fit are left out, as the bounds are for all of them.
+    """
+    if figures.left_out > bounds.unfit:
+        return None
+    found, least = float(figures.bins), float(bounds.bins)
+    if job.priced:
+        found, least = figures.cost, bounds.cost
+    if found <= least:
+        return 0.0
+    return found / least - 1 if least else math.inf
+
+
+def volume_bound(job: Job) -> int:
+    """Bins until their volumes, the largest first, hold the volume of the items."""
+    return _by_volume(goods_of(job))
+
+
+def weight_bound(job: Job) -> int:
+    """The same for the weight, and that two items above half the limit share no bin.
+
+    0 if no bin has a limit.
+    """
+    return _by_weight(goods_of(job))
+
+
+def martello_bounds(job: Job, halves: bool = False) -> tuple[int, int]:
+    """The bounds L1 and L2: see `jaxpack.model.martello`, for `halves` too."""
+    return l1_and_l2(goods_of(job), halves)
+
+
+def _least(parts: list[list[Fraction]], copies: list[float], needs: list[Need]) -> list[Fraction]:
+    """See `least`: of every part of the price what one bin of each type costs."""
+    if len(copies) == 1:
+        bins = max(map(_bins, needs))
+        return [bins * each for (each,) in parts]
+    units = list(map(_unit, parts))
+    prices = [
+        tuple(int(each / unit) for each, unit in zip(kind, units, strict=True))
+        for kind in zip(*parts, strict=True)
+    ]
+    found = least(prices, copies, needs)
+    return [price * unit for price, unit in zip(found, units, strict=True)]
+
+
+def _unit(prices: list[Fraction]) -> Fraction:
+    """The largest price of which all are whole multiples."""
+    scale = math.lcm(*(price.denominator for price in prices))
+    return Fraction(math.gcd(*(int(price * scale) for price in prices)) or 1, scale)
+
+
+def _bins(need: Need) -> int:
+    """Of the one type that there is."""
+    (each,) = need.of_kind
+    return at_least(float(need.amount), float(each)) if need.amount else 0
+
+
+def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
+    """What the bins of a plan have to come up to, in volume, weight and number."""
+    groups = list(goods.groups())
+    prices = [np.ones(len(price))]
+    if len(set(price.tolist())) > 1:
+        prices.append(price)
+    for group in groups:
+        count = max(_by_volume(group), _by_weight(group), l1_and_l2(group, halves=True)[1])
+        yield Need(count, tuple((group.rooms.min(1) > 0).astype(int).tolist()))
+        sizes, rooms = group.sizes[..., list(group.axes)], _shrunk(group)[:, list(group.axes)]
+        yield from scaled_needs(sizes, group.copies, rooms, prices, WORK // len(groups))
+        weights, copies, limits = _heavy(group)
+        if len(weights):
+            lengths = weights[None, :, None]
+            yield from scaled_needs(lengths, copies, limits[:, None], prices, WORK // 8)
+
+
+def _by_volume(goods: Goods) -> int:
+    total = _sum_of_products(*goods.sizes[0].T, goods.copies)
+    return _fewest(total, _capacities(goods, map(math.prod, goods.rooms.tolist())))
+
+
+def _by_weight(goods: Goods) -> int:
+    weights, copies, limits = _heavy(goods)
+    if not len(weights):
+        return 0
+    total = _sum_of_products(goods.weights, goods.copies)
+    fewest = _fewest(total, _capacities(goods, goods.limits.tolist()))
+    return max(fewest, one_dimensional(2 * weights, copies, int(2 * limits.max())))
+
+
+def _heavy(goods: Goods) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights and copies of what has a weight [n], and limits [kinds]; none if no bin has one.
+
+    Rounded down to few bits: what is in a bin stays within its limit, as a sum rounded down is no
+    less than that of its parts. A bin without limit can hold all that there is.
+    """
+    total = _sum_of_products(goods.weights, goods.copies)
+    limits = np.array([min(limit, total) for limit in goods.limits.tolist()], object)
+    shift = max(0, int(limits.max()).bit_length() - LIGHT)
+    some = (goods.weights >> shift > 0) & bool((goods.limits < UNLIMITED).any())
+    return goods.weights[some] >> shift, goods.copies[some], (limits >> shift).astype(np.int64)
+
+
+def _sum_of_products(*columns: np.ndarray) -> int:
+    return sum(map(math.prod, zip(*(column.tolist() for column in columns), strict=True)))
+
+
+def _capacities(goods: Goods, each: Iterable[int]) -> list[tuple[int, int | None]]:
+    copies = (kind.copies for kind in goods.kinds)
+    return list(zip(each, copies, strict=True))
+
+
+def _fewest(amount: int, bins: list[tuple[int, int | None]]) -> int:
+    """How many of these (capacity, copies) hold an amount; all of them if it is too much."""
+    count = 0
+    for capacity, copies in sorted(bins, key=lambda kind: kind[0], reverse=True):
+        if amount <= 0 or capacity <= 0:
+            break
+        full = -(-amount // capacity)
+        taken = full if copies is None else min(full, copies)
+        count += taken
+        amount -= taken * capacity
+    return count
+
+
+def _shrunk(goods: Goods) -> np.ndarray:
+    """The rooms [kinds, 3] less what no items side by side can fill, where that is soon said."""
+    rooms = goods.rooms.copy()
+    for axis in goods.axes:
+        longest = int(rooms[:, axis].max())
+        if longest > LONGEST:
+            continue
+        copies = np.zeros(longest + 1, np.int64)
+        for way in goods.sizes[..., axis]:
+            np.add.at(copies, way, goods.copies)
+        reached = _sums(copies)
+        rooms[:, axis] = [
+            (reached & ((2 << room) - 1)).bit_length() - 1 for room in rooms[:, axis].tolist()
+        ]
+    return rooms
+
+
+def _sums(copies: np.ndarray) -> int:
+    """The lengths that copies of each length come to, as bits.
+
+    Args:
+        copies: of length 0, 1, ... [longest + 1].
+    """
+    reached, mask = 1, (1 << len(copies)) - 1
+    for length in np.flatnonzero(copies).tolist():
+        left, together = int(copies[length]), 1
+        while left and length * together < len(copies):
+            taken = min(together, left)
+            reached |= reached << (length * taken) & mask
+            left, together = left - taken, 2 * together
+    return reached

@@ -1,0 +1,188 @@
+"""Are boxes packed by the rules? The core of the independent checks, of plans and of the grid.
+
+It shares nothing with what packs: it knows no height map and compares the boxes of a bin as boxes,
+in whole numbers, exactly. A box is lowered straight onto its place when its turn comes, so that no
+box that was loaded earlier, and shares a part of its footprint, may reach higher than its bottom.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from fractions import Fraction
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxpack.errors import UserError
+from jaxpack.model.pairs import Tree, best, pairs, tree_of
+
+
+class Rule(StrEnum):
+    """What can be broken, in the order in which it is reported of a bin."""
+
+    UNKNOWN = "unknown"  # an entry names nothing that there is; no other rule is looked at then
+    ORDER = "order"  # the loading order is not one
+    COUNT = "count"  # copies of an item: too many, or not all packed or left out
+    COPIES = "copies"  # more bins of a type than there are
+    EMPTY_BIN = "empty bin"
+    ORIENTATION = "orientation"  # one that the item may not have
+    WEIGHT = "weight"  # over the limit of the bin
+    OUTSIDE = "outside"  # of the bin
+    OVERLAP = "overlap"  # with an item that was loaded earlier
+    BLOCKED = "blocked"  # from above, by an item that was loaded earlier
+    FLOATING = "floating"  # on nothing at all
+    SUPPORT = "support"  # on too little
+
+
+RANK = {rule: rank for rank, rule in enumerate(Rule)}
+
+
+class Boxes(NamedTuple):
+    """Boxes as they lie in their bins. Rows are in loading order, within each bin."""
+
+    bin: np.ndarray  # int [n]; only boxes of equal numbers meet
+    low: np.ndarray  # int64 or Python's whole numbers [n, 3]; the floor is at z = 0
+    high: np.ndarray  # likewise; above `low` along every axis
+    room: np.ndarray  # likewise, the far corner of the box's bin
+
+
+class Finding(NamedTuple):
+    """A rule that a box breaks."""
+
+    rule: Rule
+    row: int
+    other: int = -1  # the row that it meets; of FLOATING the highest below it, -1 is the floor
+    axis: int = 2  # of OUTSIDE; the others are about z
+    share: Fraction = Fraction(0)  # of its base that is supported
+
+
+def share_of(support: float) -> Fraction:
+    """The share of a base that is asked for: the decimal of 13 digits that it shows.
+
+    Raises:
+        UserError: it is not from 0 to 1.
+    """
+    if not 0 <= support <= 1:
+        raise UserError(f"support {support}: give a share of the base, 0 to 1")
+    return Fraction(f"{support:.13g}")
+
+
+def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Finding]:
+    """The rules from OUTSIDE to SUPPORT that are broken, by rule.
+
+    Of a box that meets several earlier ones only the one that was loaded first is named. Whether
+    it is supported is looked at only if nothing is in its way.
+
+    Args:
+        boxes: see there.
+        support: share of a box's base that has to lie on boxes that were loaded earlier and end
+            where it begins, or on the floor. With 0 any touch is enough.
+        inclusive: exactly that share is enough; otherwise it has to be more, or all of it.
+    """
+    if not len(boxes.bin):
+        return
+    outside = (boxes.low < 0) | (boxes.high > boxes.room)
+    for row, axis in np.argwhere(outside.astype(bool)).tolist():
+        yield Finding(Rule.OUTSIDE, row, axis=axis)
+
+    ranked = _Ranked(boxes)
+    every = np.arange(len(boxes.bin))
+    obstructed = ranked.earliest(every, [(ranked.bottom, ranked.top)]) >= 0
+    blamed = every[obstructed]
+    into = ranked.earliest(blamed, [(ranked.bottom, ranked.top), (-ranked.top, -ranked.bottom)])
+    for rule, others in (
+        (Rule.OVERLAP, into),
+        (Rule.BLOCKED, ranked.earliest(blamed, [(ranked.top - 1, ranked.bottom)])),
+    ):
+        met = others >= 0
+        for row, other in zip(blamed[met].tolist(), others[met].tolist(), strict=True):
+            yield Finding(rule, row, other)
+
+    lifted = np.flatnonzero(~obstructed & (boxes.low[:, 2] > 0).astype(bool))
+    area, base = _supported(boxes, ranked, lifted)
+    floating = area == 0
+    for row, other in zip(
+        lifted[floating].tolist(), ranked.highest_below(lifted[floating]).tolist(), strict=True
+    ):
+        yield Finding(Rule.FLOATING, row, other)
+    for at in np.flatnonzero((area < base) & ~floating).tolist():
+        share = Fraction(int(area[at]), int(base[at]))
+        if share < support or (share == support and not inclusive):
+            yield Finding(Rule.SUPPORT, int(lifted[at]), share=share)
+
+
+def _supported(boxes: Boxes, ranked: "_Ranked", rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(area of their bases that lies on others, area of their bases) of these rows."""
+    low, high = boxes.low[:, :2], boxes.high[:, :2]
+    reach = max((int(abs(ends).max()) for ends in (low, high)), default=0)
+    if len(low) * (2 * reach) ** 2 >= 2**62:  # sums of areas beyond 64 bits
+        low, high = low.astype(object), high.astype(object)
+    sides = high[rows] - low[rows]
+    area = np.zeros(len(rows), low.dtype)
+    for of, under in ranked.touching(rows):
+        shared = np.minimum(high[rows[of]], high[under]) - np.maximum(low[rows[of]], low[under])
+        np.add.at(area, of, shared[:, 0] * shared[:, 1])
+    return area, sides[:, 0] * sides[:, 1]
+
+
+class _Ranked:
+    """Where boxes begin and end as ranks, which compare as the lengths do, and their tree."""
+
+    def __init__(self, boxes: Boxes) -> None:
+        (x_low, x_high), (y_low, y_high), (bottom, top) = (
+            _ranks(np.stack([boxes.low[:, axis], boxes.high[:, axis]])) for axis in range(3)
+        )
+        centres = [x_low + x_high, y_low + y_high, bottom + top]
+        self.order = _neighbours(boxes.bin, centres)
+        # Bins beside each other along x: boxes of different bins share nothing.
+        start = boxes.bin.astype(np.int64) * (int(x_high.max()) + 1)
+        x_low, x_high = _ranks(np.stack([start + x_low, start + x_high]))
+        self.bottom, self.top = bottom, top
+        turn = np.arange(len(bottom), dtype=np.int32)
+        # Less in all of these: earlier, and with a part of the footprint in common.
+        self.earlier = -turn
+        self.asked = np.stack([-turn, x_low, -x_high, y_low, -y_high])
+        self.given = np.stack([-turn, x_high, -x_low, y_high, -y_low])
+
+    @cached_property
+    def below(self) -> Tree:
+        """By the top, to find the highest."""
+        return tree_of(np.stack([self.top, *self.given]), self.order)
+
+    def earliest(self, rows: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """The first loaded j over or under each row i with a[i] < b[j] for all limits (a, b).
+
+        -1 where there is none.
+        """
+        asked = np.stack([*self.asked, *(a for a, _ in limits)])[:, rows]
+        tree = tree_of(np.stack([*self.given, *(b for _, b in limits)]), self.order)
+        return best(asked, tree, 0)
+
+    def highest_below(self, rows: np.ndarray) -> np.ndarray:
+        """Of what was loaded earlier, of rows with nothing in their way; -1 is the floor."""
+        floor = np.full_like(self.bottom, -1)
+        return best(np.stack([floor, *self.asked])[:, rows], self.below, 0)
+
+    def touching(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """(places in `rows`, what lies directly under them) in blocks."""
+        asked = np.stack([*self.asked, self.bottom - 1, -self.bottom - 1])[:, rows]
+        tree = tree_of(np.stack([*self.given, self.top, -self.top]), self.order)
+        return pairs(asked, tree)
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """int32 of the values' shape: 0 for the least, equal for what is equal."""
+    ranks: np.ndarray = np.unique(values, return_inverse=True)[1]
+    return ranks.reshape(values.shape).astype(np.int32)
+
+
+_SPREAD = np.array([sum((n >> bit & 1) << 3 * bit for bit in range(10)) for n in range(1024)])
+"""A number of ten bits with two zeros after each of them."""
+
+
+def _neighbours(bins: np.ndarray, centres: list[np.ndarray]) -> np.ndarray:
+    """The rows, bin by bin, along a curve through space on which neighbours are near (Morton's)."""
+    code = bins.astype(np.int64) << 30
+    for axis, centre in enumerate(centres):
+        code += _SPREAD[centre.astype(np.int64) * 1023 // max(int(centre.max()), 1)] << axis
+    return np.argsort(code, kind="stable")

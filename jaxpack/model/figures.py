@@ -1,0 +1,93 @@
+"""What a plan amounts to: bins, fill, weight, cost."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from jaxpack.model.exact import exact, whole
+from jaxpack.model.job import Job, PackedBin, Plan, Sides
+
+
+@dataclass(frozen=True)
+class PlanFigures:
+    """The figures of one plan, in the units of its job."""
+
+    bins: int
+    utilisation: float  # volume of the items / volume of the bins; 0 without bins
+    weight: float  # of all packed items
+    cost: float  # of all used bins; see `BinType.price`
+    left_out: int  # items that were not packed
+
+
+def plan_figures(job: Job, plan: Plan) -> PlanFigures:
+    """The figures of a valid plan: `check_plan` is not repeated here."""
+    items = Counter(put.item for packed in plan.bins for put in packed.placements)
+    return PlanFigures(
+        bins=len(plan.bins),
+        utilisation=_share(job, items, _used(plan)),
+        weight=math.fsum(job.items[item].weight * copies for item, copies in items.items()),
+        cost=total_cost(job, plan),
+        left_out=len(plan.left_out),
+    )
+
+
+def fill(job: Job, packed: PackedBin) -> float:
+    """Volume of the items in a bin / volume of the bin."""
+    return _share(job, Counter(put.item for put in packed.placements), {packed.bin: 1})
+
+
+def total_cost(job: Job, plan: Plan) -> float:
+    """What the used bins cost together; those without a cost their volume."""
+    return float(_cost(job, plan))
+
+
+def plan_worth(job: Job, plan: Plan) -> tuple[int, Fraction, int, Fraction]:
+    """What is minimised, the most important first: of two plans the smaller is the better.
+
+    Returns:
+        Copies left out, cost (0 unless the job is priced), bins, volume of the bins.
+    """
+    room = sum(
+        (volume(job.bins[kind].size) * copies for kind, copies in _used(plan).items()),
+        Fraction(0),
+    )
+    cost = _cost(job, plan) if job.priced else Fraction(0)
+    return len(plan.left_out), cost, len(plan.bins), room
+
+
+def minimised(job: Job) -> str:
+    """What is minimised, once all items that fit are packed, in words."""
+    if job.priced:
+        return "least cost, then the fewest bins, then the least volume of bins"
+    return "fewest bins, then the least volume of bins"
+
+
+def _used(plan: Plan) -> Counter[int]:
+    """How many bins of each kind."""
+    return Counter(packed.bin for packed in plan.bins)
+
+
+def _cost(job: Job, plan: Plan) -> Fraction:
+    used = _used(plan).items()
+    return sum((exact(job.bins[kind].price) * copies for kind, copies in used), Fraction(0))
+
+
+def _share(job: Job, items: Mapping[int, int], bins: Mapping[int, int]) -> float:
+    """Volume of the items / volume of the bins, each with its copies; 0 without bins."""
+    if not bins:
+        return 0.0
+    sizes = [*(job.items[item].size for item in items), *(job.bins[kind].size for kind in bins)]
+    sides, _ = whole(np.array(sizes, float)[:, job.axes])
+    volumes = [math.prod(row) for row in sides.tolist()]
+    packed = sum(map(math.prod, zip(volumes, items.values(), strict=False)))
+    room = sum(map(math.prod, zip(volumes[len(items) :], bins.values(), strict=True)))
+    return packed / room
+
+
+def volume(size: Sides) -> Fraction:
+    """Of a box, to the last digit."""
+    return math.prod((exact(side) for side in size), start=Fraction(1))

@@ -1,0 +1,139 @@
+"""The items of a job that fit some bin as arrays of whole numbers, for what bounds compute."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxpack.model.exact import whole
+from jaxpack.model.job import ORIENTATIONS, BinType, Job
+
+UNLIMITED = np.iinfo(np.int64).max  # a bin without limit of its weight
+MOST_PAIRS = 2**21  # rows x bins of which it is noted which fits which
+MOST_GROUPS = 6
+
+
+@dataclass(frozen=True)
+class Goods:
+    """Items that fit some bin, and the bins; rows that are alike are one. Lengths are in one unit.
+
+    A row has its extents in every way to turn it that fits some bin, the first of them again where
+    other rows have more.
+    """
+
+    sizes: np.ndarray  # int64 [ways, rows, 3]
+    copies: np.ndarray  # int64 [rows]
+    weights: np.ndarray  # int64 [rows]
+    kinds: tuple[BinType, ...]  # those of which there are some
+    rooms: np.ndarray  # int64 [kinds, 3]
+    limits: np.ndarray  # int64 [kinds], of the weight, or UNLIMITED
+    fits: np.ndarray  # bool [rows, kinds]; all true where there are too many to compare
+    unfit: int  # copies of the other items
+    axes: tuple[int, ...]  # 2D has x and z
+
+    def groups(self) -> Iterator["Goods"]:
+        """All of it, then the items that fit no other bins than some, with these bins."""
+        yield self
+        if self.fits.all():
+            return
+        # As bytes, which are soon sorted.
+        _, first, of_row = np.unique(
+            np.packbits(self.fits, axis=1), axis=0, return_index=True, return_inverse=True
+        )
+        held = np.bincount(of_row.ravel(), self.copies * self.sizes[0].astype(float).prod(1))
+        for number in np.argsort(-held, kind="stable")[:MOST_GROUPS]:
+            kinds = self.fits[first[number]]
+            if kinds.all():
+                continue
+            rows = ~(self.fits & ~kinds).any(1)
+            yield Goods(
+                self.sizes[:, rows],
+                self.copies[rows],
+                self.weights[rows],
+                self.kinds,
+                np.where(kinds[:, None], self.rooms, 0),
+                np.where(kinds, self.limits, 0),
+                self.fits[rows],
+                0,
+                self.axes,
+            )
+
+
+def goods_of(job: Job) -> Goods:
+    """The rows of a job that some bin can hold, and the bins."""
+    kinds = tuple(kind for kind in job.bins if kind.copies != 0)
+    rooms = np.array([kind.size for kind in kinds], float).reshape(-1, 3)
+    limits = np.array([kind.max_weight for kind in kinds], float)
+    sides, allowed, weight, copies = _rows(job)
+    turned = np.stack([sides[:, list(axes)] for axes in ORIENTATIONS.values()])
+    for later in range(1, len(turned)):  # of ways that come to the same, the first
+        for earlier in range(later):
+            same = (turned[later] == turned[earlier]).all(1)
+            allowed[later] &= ~(allowed[earlier] & same)
+    ways, fits = _fitting(turned, allowed, weight, rooms, limits)
+    some = ways.any(0)
+    unfit = int(copies[~some].sum())
+    turned, ways, fits = turned[:, some], ways[:, some], fits[some]
+    first = np.take_along_axis(turned, ways.argmax(0)[None, :, None], 0)
+    turned = np.where(ways[..., None], turned, first)[ways.any(1) | (not some.any())]
+    holding = np.any(fits, axis=0)
+    kinds = tuple(kind for kind, holds in zip(kinds, holding, strict=True) if holds)
+    rooms, limits, fits = rooms[holding], limits[holding], fits[:, holding]
+    lengths = np.concatenate([turned.reshape(-1, 3), rooms])
+    units = np.ones(lengths.shape, np.int64)  # in 2D everything is as deep as the bin
+    axes = list(job.axes)
+    units[:, axes] = whole(lengths[:, axes])[0]
+    units[:, axes] //= max(1, np.gcd.reduce(units[:, axes], axis=None))
+    finite = np.isfinite(limits)
+    heavy, _ = whole(np.concatenate([weight[some], np.where(finite, limits, 0.0)]))
+    number = int(some.sum())
+    return Goods(
+        sizes=units[: turned.size // 3].reshape(turned.shape),
+        copies=copies[some],
+        weights=heavy[:number],
+        kinds=kinds,
+        rooms=units[turned.size // 3 :],
+        limits=np.where(finite, heavy[number:], UNLIMITED),
+        fits=fits,
+        unfit=unfit,
+        axes=job.axes,
+    )
+
+
+def _rows(job: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Sides [n, 3], allowed orientations [6, n], weights [n], copies [n] of different items."""
+    codes: dict[tuple[str, ...], int] = {}
+    items = [item for item in job.items if item.copies]
+    table = np.array(
+        [
+            (*item.size, item.weight, codes.setdefault(item.orientations, len(codes)))
+            for item in items
+        ],
+        float,
+    ).reshape(-1, 5)
+    rows, which = np.unique(table, axis=0, return_inverse=True)
+    copies = np.zeros(len(rows), np.int64)
+    np.add.at(copies, which.ravel(), [item.copies for item in items])
+    known = np.array([[way in ways for way in ORIENTATIONS] for ways in codes]).reshape(-1, 6)
+    return rows[:, :3], known[rows[:, 4].astype(int)].T.copy(), rows[:, 3], copies
+
+
+def _fitting(
+    turned: np.ndarray,
+    allowed: np.ndarray,
+    weight: np.ndarray,
+    rooms: np.ndarray,
+    limits: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which ways fit some bin [6, n], and which bins hold which rows [n, kinds]."""
+    n, every = len(weight), len(weight) * len(rooms) <= MOST_PAIRS
+    ways = np.zeros(allowed.shape, bool)
+    fits = np.ones((n, len(rooms)), bool)
+    for number in np.argsort(-rooms.prod(1)):
+        open_rows = np.arange(n) if every else np.flatnonzero((allowed & ~ways).any(0))
+        inside = (turned[:, open_rows] <= rooms[number]).all(2) & allowed[:, open_rows]
+        inside &= weight[open_rows] <= limits[number]
+        ways[:, open_rows] |= inside
+        if every:
+            fits[:, number] = inside.any(0)
+    return ways, fits

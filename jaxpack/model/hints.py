@@ -1,0 +1,74 @@
+"""What to do about items that no bin holds, and about sizes that look like another unit."""
+
+import math
+from collections.abc import Iterable
+
+from jaxpack.model.job import FLAT_TURNED, ORIENTATIONS, BinType, ItemType, Job
+
+FACTORS = {  # between two units of length -> which they may be
+    10.0: ("mm", "cm"),
+    25.4: ("mm", "inches"),
+    100.0: ("cm", "m"),
+    1000.0: ("mm", "m"),
+}
+TINY = 0.01  # of one bin: less than that all items together seldom fill
+
+
+def unfit_hint(job: Job, item: int) -> str:
+    """What would make an item fit: to allow an orientation, a higher limit, or a larger bin.
+
+    Args:
+        job: the job.
+        item: index in `job.items` of one that no bin can hold as it may be turned.
+    """
+    kind = job.items[item]
+    bins = [one for one in job.bins if one.copies != 0]
+    if not bins:
+        return "give bins that there are: the COPIES of all are 0"
+    able = [one for one in bins if kind.weight <= one.max_weight]
+    if not any(_fits(kind, way, bins) for way in kind.orientations):
+        if able:
+            known = FLAT_TURNED if job.dimension == 2 else tuple(ORIENTATIONS)
+            ways = [way for way in known if _fits(kind, way, able)]
+            if ways and job.dimension == 2:
+                return "it would fit turned: allow that with ORIENTED 0"
+            if ways:
+                return f"it would fit turned: allow ROTATION_{ways[0]}"
+        return "give a larger bin"
+    return "give a bin with a higher MAXIMUM_WEIGHT that has room for it"
+
+
+def scale_hint(job: Job) -> str | None:
+    """The one line that says that the items seem to be in another unit than the bins, or None.
+
+    They do where none fits and all would at a tenth, a hundredth, ... of their sides, and where
+    all together fill less than 1 % of the smallest bin and would still fit ten times as long.
+    """
+    items = [item for item in job.items if item.copies]
+    bins = [one for one in job.bins if one.copies != 0]
+    if not items or not bins:
+        return None
+    if not any(_scaled_fits(job, item, bins, 1.0) for item in items):
+        for factor, (small, large) in FACTORS.items():
+            if all(_scaled_fits(job, item, bins, 1 / factor) for item in items):
+                what = f"all items are too large, and would fit {factor:g} times smaller"
+                return f"{what}: are they in {small} and the bins in {large}?"
+        return None
+    least = min(math.prod(one.size) for one in bins)
+    share = math.fsum(item.copies * math.prod(item.size) for item in items) / least
+    if share >= TINY or not all(_scaled_fits(job, item, bins, 10.0) for item in items):
+        return None
+    what = f"all items together fill {100 * share:.2g} % of a bin"
+    return f"{what}: are they in cm and the bins in mm?"
+
+
+def _fits(item: ItemType, way: str, bins: Iterable[BinType]) -> bool:
+    extent = item.turned(way)
+    return any(all(a <= b for a, b in zip(extent, one.size, strict=True)) for one in bins)
+
+
+def _scaled_fits(job: Job, item: ItemType, bins: Iterable[BinType], factor: float) -> bool:
+    """Whether some bin holds it, turned anyhow, when its sides are times that factor."""
+    sides = sorted(item.size[axis] * factor * (1 - 1e-12) for axis in job.axes)
+    rooms = (sorted(one.size[axis] for axis in job.axes) for one in bins)
+    return any(all(a <= b for a, b in zip(sides, room, strict=True)) for room in rooms)

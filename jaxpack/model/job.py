@@ -1,0 +1,257 @@
+"""A list of items to load and the bins there are, in the user's own units, and a plan for it.
+
+Plain Python and NumPy: what files are read into and written from. Lengths are along x (length),
+y (width) and z (height), in any unit, the same for all; 2D is 3D with width 1: x is the WIDTH of
+a two-dimensional file and z its HEIGHT.
+
+A job is checked and cleaned once, when it is made, whoever makes it. From then on every length is a
+whole number of one unit, of which the longest side of a bin has at most `FINEST`, and every weight
+of billionths: `exact` of a number of a job is what it stands for, to the last digit.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jaxpack.errors import UserError
+from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
+from jaxpack.model.numbers import as_cost, as_size, as_weight, as_whole, fault, show
+
+FINEST = 2**30
+"""A side of a bin has at most so many units: far edges of items then fit int32."""
+MOST_ITEMS = 100_000  # copies of a job's items, all together
+WEIGHT_DECIMALS = 9  # whole numbers of these fit int64, up to the largest weight
+
+Sides = tuple[float, float, float]
+
+ORIENTATIONS = {
+    "XYZ": (0, 1, 2),
+    "YXZ": (1, 0, 2),
+    "ZYX": (2, 1, 0),
+    "YZX": (1, 2, 0),
+    "XZY": (0, 2, 1),
+    "ZXY": (2, 0, 1),
+}
+"""Name -> which of the item's own sides lies along x, y and z of the bin."""
+
+UPRIGHT = ("XYZ", "YXZ")
+FLAT_TURNED = ("XYZ", "ZYX")  # all that 2D has: as given, and by a quarter
+
+
+@dataclass(frozen=True)
+class ItemType:
+    """Items of one kind."""
+
+    size: Sides
+    copies: int = 1
+    weight: float = 0.0  # of one of them
+    orientations: tuple[str, ...] = ("XYZ",)  # those that are allowed, keys of ORIENTATIONS
+    name: str = ""
+    where: str = field(default="", compare=False)  # in its file, such as "row 2"
+    tags: tuple[Any, ...] = field(default=(), compare=False)
+    """What a file says of each copy beside all this, for files that are written."""
+
+    def turned(self, orientation: str) -> Sides:
+        """Its extent along x, y and z in that orientation."""
+        x, y, z = (self.size[side] for side in ORIENTATIONS[orientation])
+        return x, y, z
+
+
+@dataclass(frozen=True)
+class BinType:
+    """Bins of one kind."""
+
+    size: Sides
+    cost: float | None = None  # of one that is used; see `Job.priced`
+    copies: int | None = None  # how many there are; any number if not given
+    max_weight: float = math.inf
+    name: str = ""
+    where: str = field(default="", compare=False)  # in its file, such as "row 2"
+
+    @property
+    def price(self) -> float:
+        """What one of them costs: its volume if nothing is given."""
+        return math.prod(self.size) if self.cost is None else self.cost
+
+
+Entry = TypeVar("Entry", ItemType, BinType)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What has to be packed into what.
+
+    Raises:
+        UserError: in one line that names the item or the bin, where a number is no size, weight
+            or count, an orientation is not known, there is nothing to pack or nothing to pack
+            into, there are too many items, or in 2D a width is not 1.
+    """
+
+    items: tuple[ItemType, ...]
+    bins: tuple[BinType, ...]
+    dimension: int = 3  # 2 or 3
+    name: str = ""
+    rounded: float | None = field(default=None, init=False, compare=False)
+    """The length that finer sizes were cut off to, None if all are exact."""
+
+    def __post_init__(self) -> None:
+        if self.dimension not in (2, 3):
+            raise fault("dimension", f"{show(self.dimension)} is not known: give 2 or 3")
+        items = tuple(_checked_item(n, item, self.dimension) for n, item in enumerate(self.items))
+        bins = tuple(_checked_bin(n, kind, self.dimension) for n, kind in enumerate(self.bins))
+        count = sum(item.copies for item in items)
+        if not count or not bins:
+            what = "bins" if count else "items"
+            raise UserError(f"{self.name or 'the job'} has no {what}: give at least one")
+        if count > MOST_ITEMS:
+            what = f"{count:,} items, more than {MOST_ITEMS:,}"
+            raise UserError(f"{self.name or 'the job'} has {what}: split the job")
+        object.__setattr__(self, "items", items)
+        object.__setattr__(self, "bins", bins)
+        places = self._places()
+        if places is None:
+            return
+        object.__setattr__(self, "rounded", 10.0**-places)
+        object.__setattr__(self, "items", tuple(_cut_sides(item, places) for item in items))
+        object.__setattr__(self, "bins", tuple(_cut_sides(kind, places) for kind in bins))
+
+    def _places(self) -> int | None:
+        """How many decimals of the lengths are kept, where not all of them can be.
+
+        Any that make no more units of a side of a bin than `FINEST`, and no position of more than
+        the digits that are read.
+        """
+        longest = exact(max(max(kind.size) for kind in self.bins))
+        unit, places = _common_unit(self.lengths())
+        if longest / unit <= FINEST and longest * 10**places < 10**DIGITS:
+            return None
+        return max(n for n in range(places + 1) if longest * 10**n <= FINEST)
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """The axes of the sides that are given: 2D has x and z."""
+        return (0, 2) if self.dimension == 2 else (0, 1, 2)
+
+    def lengths(self) -> Iterator[float]:
+        """The sides of all items and bins."""
+        for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
+            yield from (size[axis] for axis in self.axes)
+
+    @cached_property
+    def unit(self) -> Fraction:
+        """The largest length of which every side is a whole multiple."""
+        return _common_unit(self.lengths())[0]
+
+    @cached_property
+    def count(self) -> int:
+        """All copies of all items."""
+        return sum(item.copies for item in self.items)
+
+    @property
+    def priced(self) -> bool:
+        """Whether the least cost is wanted; otherwise it is the fewest bins.
+
+        It is as soon as one of the bins has a cost: those without cost their volume.
+        """
+        return any(kind.cost is not None for kind in self.bins)
+
+
+def _common_unit(lengths: Iterable[float]) -> tuple[Fraction, int]:
+    """The largest length that all are multiples of, and how many decimals they have at most."""
+    different = np.array(sorted(set(lengths)))
+    try:
+        sides, places = whole(different)
+        common = int(np.gcd.reduce(sides))
+    except OverflowError:  # more digits than can be kept
+        places = decimals(different.tolist())
+        common = math.gcd(*(int(exact(side) * 10**places) for side in different.tolist()))
+    return Fraction(common, 10**places), places
+
+
+def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
+    if not isinstance(item, ItemType):
+        raise fault(f"item {number}", f"{show(item)} is no ItemType")
+    where = item.where or f"item {number}"
+    where += f" ({item.name})" if item.name else ""
+    ways = item.orientations
+    if not isinstance(ways, tuple | list) or not ways:
+        raise fault(where, f"orientations {show(ways)}", "give a tuple of at least one name")
+    known = FLAT_TURNED if dimension == 2 else tuple(ORIENTATIONS)
+    if wrong := [way for way in ways if way not in known]:
+        raise fault(where, f"orientation {show(wrong[0])} is not known: use {', '.join(known)}")
+    return replace(
+        item,
+        size=_checked_sides(where, item.size, dimension),
+        copies=as_whole(item.copies, f"{where}, copies", low=0),
+        weight=_checked_weight(where, item.weight),
+        orientations=tuple(dict.fromkeys(ways)),
+    )
+
+
+def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
+    if not isinstance(kind, BinType):
+        raise fault(f"bin {number}", f"{show(kind)} is no BinType")
+    where = kind.where or f"bin {number}"
+    where += f" ({kind.name})" if kind.name else ""
+    cost, most = kind.cost, kind.max_weight
+    return replace(
+        kind,
+        size=_checked_sides(where, kind.size, dimension),
+        cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
+        copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
+        max_weight=math.inf if _unlimited(most) else _checked_weight(where, most),
+    )
+
+
+def _unlimited(most: object) -> bool:
+    return isinstance(most, float) and most == math.inf
+
+
+def _checked_sides(where: str, sides: Sides, dimension: int) -> Sides:
+    if not isinstance(sides, tuple | list) or len(sides) != 3:
+        raise fault(where, f"size {show(sides)}", "give three sides, along x, y and z")
+    x, y, z = (clean(as_size(side, f"{where}, size")) for side in sides)
+    if dimension == 2 and y != 1:
+        raise fault(where, f"size {(x, y, z)} in 2D", "give width (the second) as 1")
+    return x, y, z
+
+
+def _checked_weight(where: str, weight: float) -> float:
+    weight = clean(as_weight(weight, f"{where}, weight"))
+    fine = weight and decimals([weight]) > WEIGHT_DECIMALS
+    return cut(weight, WEIGHT_DECIMALS) if fine else weight
+
+
+def _cut_sides(entry: Entry, places: int) -> Entry:
+    x, y, z = (cut(side, places) for side in entry.size)
+    return replace(entry, size=(x, y, z))
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One item in its bin."""
+
+    item: int  # index in Job.items
+    orientation: str  # key of ORIENTATIONS
+    corner: Sides  # x, y, z of the front-bottom-left corner
+
+
+@dataclass(frozen=True)
+class PackedBin:
+    """One bin that is used."""
+
+    bin: int  # index in Job.bins
+    placements: tuple[Placement, ...]  # in loading order: each rests on earlier ones or the floor
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A packing of a job."""
+
+    bins: tuple[PackedBin, ...]
+    left_out: tuple[int, ...] = ()  # index in Job.items of every copy that was not packed

@@ -1,0 +1,264 @@
+"""Is a plan possible? An independent check in the user's own units.
+
+It shares no code with what makes plans; `jaxpack.model.box_check` has the geometry. A job is exact,
+and so is what is asked of a plan: nothing is forgiven but the noise of floats.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import islice
+from numbers import Integral, Real
+
+import numpy as np
+
+from jaxpack.model.box_check import RANK, Boxes, Rule, misplaced, share_of
+from jaxpack.model.exact import DIGITS, exact
+from jaxpack.model.job import ORIENTATIONS, WEIGHT_DECIMALS, Job, Placement, Plan
+from jaxpack.model.numbers import show
+from jaxpack.model.violations import Violation, sentence
+
+NOISE = 1e-12  # of the longest side of a bin: a position that misses a unit by less is on it
+SHOWN = 5  # violations in one message
+
+
+class InvalidPlanError(Exception):
+    """A plan breaks a rule. One line: which bin, which item, which rule."""
+
+
+def check_plan(job: Job, plan: Plan, support: float = 0.5, inclusive: bool = False) -> None:
+    """Raises InvalidPlanError naming the first violations, if there are any.
+
+    Args:
+        job: items and bins.
+        plan: bins, each with its items in loading order. Positions count to the 13th digit of the
+            bin's longest side; one that misses a whole number of the job's units by less than
+            1e-12 of that side is on it.
+        support: share of an item's base that has to lie on what is directly under it. With 0
+            any touch is enough.
+        inclusive: exactly that share is enough; otherwise it has to be more, or all of it.
+
+    Raises:
+        InvalidPlanError: the plan breaks a rule.
+        UserError: the support is not from 0 to 1.
+    """
+    found = list(islice(plan_violations(job, plan, support, inclusive), SHOWN))
+    if found:
+        raise InvalidPlanError("; ".join(sentence(violation) for violation in found))
+
+
+def plan_violations(
+    job: Job, plan: Plan, support: float = 0.5, inclusive: bool = False
+) -> Iterator[Violation]:
+    """Every broken rule, first those of the whole plan, then bin by bin; see `check_plan`.
+
+    An item is named once for each rule that it breaks (once for each axis if it is outside), with
+    the first loaded of the items in its way. If entries name nothing that there is, only these
+    are reported: the other rules read what they name.
+
+    Raises:
+        UserError: the support is not from 0 to 1.
+    """
+    share = share_of(support)
+    found = list(_unknown(job, plan))
+    if not found:
+        found += _miscounted(job, plan)
+        found += _too_heavy(job, plan)
+        found += _misturned(job, plan)
+        found += _misplaced(job, plan, share, inclusive)
+    yield from sorted(found, key=lambda one: (-1 if one.bin is None else one.bin, RANK[one.rule]))
+
+
+def _unknown(job: Job, plan: Plan) -> Iterator[Violation]:
+    """Entries that name nothing."""
+    for number, packed in enumerate(plan.bins):
+        if not _is_index(packed.bin, len(job.bins)):
+            yield Violation(Rule.UNKNOWN, number, what=f"bin type {show(packed.bin)}")
+        for turn, put in enumerate(packed.placements):
+            if not _is_index(put.item, len(job.items)):
+                yield Violation(Rule.UNKNOWN, number, turn=turn, what=f"item {show(put.item)}")
+            elif put.orientation not in ORIENTATIONS:
+                what = f"orientation {show(put.orientation)}"
+                yield Violation(Rule.UNKNOWN, number, put.item, turn, what=what)
+            elif not _is_position(put.corner):
+                what = f"position {show(put.corner)}"
+                yield Violation(Rule.UNKNOWN, number, put.item, turn, what=what)
+    for item in plan.left_out:
+        if not _is_index(item, len(job.items)):
+            yield Violation(Rule.UNKNOWN, what=f"item {show(item)}, which is left out")
+
+
+def _is_index(value: object, count: int) -> bool:
+    return isinstance(value, int | Integral) and 0 <= int(value) < count
+
+
+def _is_position(corner: object) -> bool:
+    if not isinstance(corner, tuple | list | np.ndarray) or len(corner) != 3:
+        return False
+    try:
+        return all(isinstance(side, float | int | Real) and math.isfinite(side) for side in corner)
+    except OverflowError:  # a whole number that has no float
+        return False
+
+
+def _miscounted(job: Job, plan: Plan) -> Iterator[Violation]:
+    """Bins and items that occur too often or not often enough."""
+    used: Counter[int] = Counter()
+    for number, packed in enumerate(plan.bins):
+        used[packed.bin] += 1
+        copies, count = job.bins[packed.bin].copies, used[packed.bin]
+        if copies is not None and count > copies:
+            what = f"bin type {packed.bin}"
+            yield Violation(
+                Rule.COPIES, number, what=what, found=count, allowed=copies, amount=count - copies
+            )
+        if not packed.placements:
+            yield Violation(Rule.EMPTY_BIN, number)
+    loaded = Counter(put.item for packed in plan.bins for put in packed.placements)
+    left = Counter(plan.left_out)
+    missed = {
+        index: loaded[index] + left[index] - item.copies
+        for index, item in enumerate(job.items)
+        if loaded[index] + left[index] != item.copies
+    }
+    places: dict[int, dict[int, None]] = {item: {} for item in missed}
+    for number, packed in enumerate(plan.bins if missed else ()):
+        for put in packed.placements:
+            if put.item in missed and len(places[put.item]) <= SHOWN:
+                places[put.item][number] = None
+    for item, amount in missed.items():
+        numbers = ", ".join(map(str, list(places[item])[:SHOWN]))
+        where = f"bins {numbers}{', ...' * (len(places[item]) > SHOWN)}" if numbers else None
+        found, allowed = loaded[item], job.items[item].copies
+        yield Violation(
+            Rule.COUNT, item=item, what=where, found=found, allowed=allowed, amount=amount
+        )
+
+
+def _too_heavy(job: Job, plan: Plan) -> Iterator[Violation]:
+    """Bins over their limit, exactly."""
+    known: dict[float, int] = {}
+
+    def billionths(weight: float) -> int:
+        if weight not in known:
+            known[weight] = int(exact(weight) * 10**WEIGHT_DECIMALS)
+        return known[weight]
+
+    for number, packed in enumerate(plan.bins):
+        limit = job.bins[packed.bin].max_weight
+        if limit == math.inf or not packed.placements:
+            continue
+        items = [put.item for put in packed.placements]
+        weights = [billionths(job.items[item].weight) for item in items]
+        total, most = sum(weights), billionths(limit)
+        if total > most:
+            found, over = (w / 10**WEIGHT_DECIMALS for w in (total, total - most))
+            heaviest = items[weights.index(max(weights))]
+            yield Violation(Rule.WEIGHT, number, heaviest, found=found, allowed=limit, amount=over)
+
+
+def _misturned(job: Job, plan: Plan) -> Iterator[Violation]:
+    allowed = [frozenset(item.orientations) for item in job.items]
+    for number, packed in enumerate(plan.bins):
+        for turn, put in enumerate(packed.placements):
+            if put.orientation not in allowed[put.item]:
+                what = put.orientation
+                yield Violation(Rule.ORIENTATION, number, put.item, turn, what=what)
+
+
+def _misplaced(job: Job, plan: Plan, share: Fraction, inclusive: bool) -> Iterator[Violation]:
+    """What the boxes tell."""
+    puts = [put for packed in plan.bins for put in packed.placements]
+    if not puts:
+        return
+    loads = [len(packed.placements) for packed in plan.bins]
+    number = np.repeat(np.arange(len(loads)), loads)
+    turn = np.arange(len(puts)) - np.repeat(np.cumsum(loads) - loads, loads)
+    boxes, units = _boxes(job, plan, puts, number)
+
+    def length(leaf: np.ndarray, row: int, axis: int) -> Fraction:
+        return int(leaf[row, axis]) * units[axis]
+
+    for rule, row, other, axis, held in misplaced(boxes, share, inclusive):
+        at = int(turn[other]) if rule in (Rule.OVERLAP, Rule.BLOCKED) else None
+        what: str | None = None
+        found, allowed = length(boxes.low, row, axis), Fraction(0)
+        if rule is Rule.OUTSIDE:
+            what = "xyz"[axis]
+            if found >= 0:
+                found, allowed = length(boxes.high, row, axis), length(boxes.room, row, axis)
+        elif rule is Rule.OVERLAP:  # out along the axis on which that takes least
+            depths = {
+                "xyz"[axis]: min(
+                    length(boxes.high, row, axis) - length(boxes.low, other, axis),
+                    length(boxes.high, other, axis) - length(boxes.low, row, axis),
+                )
+                for axis in job.axes
+            }
+            what = min(depths, key=lambda name: depths[name])
+            found = depths[what]
+        elif rule is Rule.SUPPORT:
+            what = "at least" if inclusive or share == 1 else "more than"
+            found, allowed = held, share
+        elif other >= 0:  # BLOCKED by it, or FLOATING over it
+            allowed = max(length(boxes.high, other, axis), Fraction(0))
+        amount = float(abs(found - allowed))
+        item, figures = int(puts[row].item), (float(found), float(allowed), amount)
+        yield Violation(rule, int(number[row]), item, int(turn[row]), at, what, *figures)
+
+
+def _boxes(
+    job: Job, plan: Plan, puts: list[Placement], number: np.ndarray
+) -> tuple[Boxes, list[Fraction]]:
+    """The items as they lie, and the length of their whole numbers' unit along every axis."""
+    sizes = np.array([kind.size for kind in job.bins])
+    room = sizes[[packed.bin for packed in plan.bins]][number]
+    corner = np.array([put.corner for put in puts], float)
+    extent = np.array([job.items[put.item].turned(put.orientation) for put in puts])
+    longest, unit = room[:, list(job.axes)].max(axis=1), job.unit
+    units, columns = [], []
+    for axis in range(3):
+        lengths = np.stack([leaf[:, axis] for leaf in (corner, extent, room)])
+        # The width of what is flat is 1, whatever the unit of the others.
+        whole, scale = _whole(lengths, unit if axis in job.axes else Fraction(1), longest)
+        units.append(scale)
+        columns.append(whole)
+    low, size, far = (np.stack(leaves, axis=1) for leaves in zip(*columns, strict=True))
+    return Boxes(number, low, low + size, far), units
+
+
+def _whole(lengths: np.ndarray, unit: Fraction, longest: np.ndarray) -> tuple[np.ndarray, Fraction]:
+    """(whole numbers, length of one): int64, or Python's numbers where these are too large.
+
+    Args:
+        lengths: finite [k, n].
+        unit: what most of them are multiples of.
+        longest: [n], the longest side of the bin.
+    """
+    step = float(unit)
+    with np.errstate(over="ignore", invalid="ignore"):
+        count = np.rint(lengths / step)
+        near = (abs(lengths - count * step) < NOISE * longest) & (abs(count) < 2**50)
+    whole = np.where(near, count, 0).astype(np.int64)
+    if near.all():
+        return whole, unit
+    sides = np.broadcast_to(longest, lengths.shape)[~near].tolist()
+    between = list(zip(lengths[~near].tolist(), sides, strict=True))
+    known = {(length, side): _meant(length, unit, side) / unit for length, side in set(between)}
+    finer = math.lcm(*(ratio.denominator for ratio in known.values()))
+    exactly = whole.astype(object) * finer
+    exactly[~near] = [int(known[key] * finer) for key in between]
+    small = abs(exactly).max() < 2**61
+    return exactly.astype(np.int64) if small else exactly, unit / finer
+
+
+def _meant(length: float, unit: Fraction, side: float) -> Fraction:
+    """The multiple of the unit that is near, or the decimal up to the side's 13th digit."""
+    exactly = Fraction(length)
+    multiple = round(exactly / unit) * unit
+    if abs(exactly - multiple) < Fraction(side) * Fraction(NOISE):
+        return multiple
+    exponent = int(f"{side:.12e}".split("e")[1])
+    grain = Fraction(10) ** (exponent + 1 - DIGITS)
+    return round(exactly / grain) * grain

@@ -1,0 +1,66 @@
+"""From the user's units to whole numbers and back: what the kernel computes with is exact."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from jaxpack.model.exact import exact
+from jaxpack.model.job import FINEST, Job
+
+
+@dataclass(frozen=True)
+class Units:
+    """The lengths and weights of a job as whole numbers of units; nothing is rounded."""
+
+    length: Fraction  # the user's length per unit
+    weight: Fraction
+    step: int = 1  # positions along x and y are multiples of so many units
+
+
+def units_of(job: Job, resolution: float | None = None) -> Units:
+    """The coarsest units in which every size and every weight is whole.
+
+    Args:
+        job: what is packed.
+        resolution: the length of which positions are to be multiples; any position if not given.
+            It must be `fine_enough`.
+    """
+    weights = [exact(item.weight) for item in job.items if item.weight]
+    limits = [exact(bin.max_weight) for bin in job.bins if 0 < bin.max_weight < math.inf]
+    weight = _common(weights + limits) if weights or limits else Fraction(1)
+    if resolution is None:
+        return Units(job.unit, weight)
+    grid = exact(resolution)
+    length = _common([job.unit, grid])
+    return Units(length, weight, int(grid / length))
+
+
+def fine_enough(job: Job, resolution: float) -> bool:
+    """Whether the positions of that grid are whole numbers that the kernel takes."""
+    longest = max(exact(side) for bin in job.bins for side in bin.size)
+    return longest / _common([job.unit, exact(resolution)]) <= FINEST
+
+
+def in_units(values: Iterable[float], unit: Fraction) -> np.ndarray:
+    """Whole numbers of units: int64 of the values' length.
+
+    Args:
+        values: multiples of the unit.
+        unit: see `Units`.
+    """
+    known: dict[float, int] = {}
+    values = list(values)
+    for value in set(values):
+        ratio = exact(value) / unit
+        assert ratio.denominator == 1, f"{value} is no multiple of {unit}"
+        known[value] = ratio.numerator
+    return np.asarray([known[value] for value in values], np.int64)
+
+
+def _common(numbers: list[Fraction]) -> Fraction:
+    """The largest fraction of which all numbers are whole multiples."""
+    scale = math.lcm(*(number.denominator for number in numbers))
+    return Fraction(math.gcd(*(int(number * scale) for number in numbers)), scale)

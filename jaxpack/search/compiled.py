@@ -1,0 +1,165 @@
+"""The compiled search for a plan: lanes that breed and lanes that anneal, on every core.
+
+It takes seconds to compile the first time that a machine has a job of a size, and neither that
+nor a round can be stopped: `worker` runs it in a process of its own.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from time import perf_counter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxpack.learning.recipe import Policy
+from jaxpack.learning.rollout import LANES as DRAWN
+from jaxpack.model.encoding import (
+    Genes,
+    Loading,
+    Stock,
+    lane_genes,
+    most_together,
+    padded,
+    padded_genes,
+)
+from jaxpack.packing.first_fit_exact import STAGES, ExactRules
+from jaxpack.search.local_search import (
+    ANNEAL,
+    AS_GIVEN,
+    BREED,
+    Best,
+    Lanes,
+    advance,
+    exchange,
+    fresh_lanes,
+    join,
+)
+from jaxpack.search.policy_orders import first_stage, policy_genes
+from jaxpack.xla.devices import usable_cores
+
+LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
+ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
+BREATH = 0.25  # seconds
+EXCHANGE = 4  # dispatches after which those that breed and those that anneal share their best
+HEAT = 0.02  # of the annealing at the start, in bins
+STAGES_FLAT = (*STAGES, 1024, 2048, 4096)
+
+
+def encode(loading: Loading) -> tuple[ExactRules, Stock]:
+    """What is static of the program, and the stock padded to the next size that has one."""
+    items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
+    most = first_stage(STAGES_FLAT, most_together(loading.stock))
+    assert most is not None, "see `compiles`"
+    stock = padded(loading.stock, items, bins)
+    with jax.enable_x64(True):  # areas and weights may have 64 bits
+        return ExactRules(most, loading.flat), jax.tree.map(jnp.asarray, stock)
+
+
+def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:
+    """So many sorts for a padded stock: leaves [lanes, ...]."""
+    items, bins = len(stock.mask), len(stock.price)
+    rows = [padded_genes(lane_genes(loading, seed, n), items, bins) for n in range(lanes)]
+    return Genes(*map(np.stack, zip(*rows, strict=True)))
+
+
+def search(
+    loading: Loading,
+    seed: int,
+    seconds: float,
+    first: Genes | None = None,
+    policy: Policy | None = None,
+    wanted: Callable[[], bool] = lambda: True,
+) -> Iterator[tuple[Best, int]]:
+    """(the best packing so far, packings tried since), until the time is up or it is not wanted.
+
+    Args:
+        loading: the job, one that `compiles`.
+        seed: of the random choices.
+        seconds: how long it may take.
+        first: of one lane, to begin with besides the sorts.
+        policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
+        wanted: asked between dispatches.
+    """
+    end = perf_counter() + seconds
+    rules, stock = encode(loading)
+    many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
+    genes = first_genes(loading, stock, seed, many)
+    if first:
+        given = padded_genes(first, len(stock.mask), len(stock.price))
+        genes = jax.tree.map(
+            lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
+        )
+    lanes = dispatch(rules, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
+    yield lanes.best, many
+    drawn, guests = None, list[Genes]()
+    with ThreadPoolExecutor() as threads:
+        if policy:
+            own = jax.tree.map(
+                np.asarray, padded(loading.stock, *map(len, (stock.mask, stock.price)))
+            )
+            sorts = to_device(first_genes(loading, stock, seed, DRAWN))
+            drawn = threads.submit(policy_genes, loading, own, sorts, policy, seed)
+        # Two on every core, which take turns: the even ones breed, the odd ones anneal.
+        keys = jax.random.split(lanes.key, 2 * min(usable_cores(), 8))
+        islands = [lanes._replace(key=key) for key in keys]
+        turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
+        while (now := perf_counter()) + max(lasted) < end and wanted():
+            heat = HEAT * ((end - now) / seconds) ** 2
+            how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
+            visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
+            some = partial(dispatch, rules, stock, how=how, rounds=rounds, heat=heat)
+            done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
+                                    zip(mine, visits, strict=True)))  # fmt: skip
+            tried = many * (rounds * len(done) + (visits[-1] is not None))
+            if 2 * (perf_counter() - now) < BREATH:
+                rounds = min(2 * rounds, ROUNDS)
+            if drawn and drawn.done():
+                guests, drawn = _parts(drawn, many), None
+            islands[turn % 2 :: 2] = done
+            turn += 1
+            if turn % EXCHANGE == 0:
+                islands = _exchanged(islands, turn // EXCHANGE % 2)
+            lasted.append(perf_counter() - now)
+            yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+
+
+def to_device(genes: Genes) -> Genes:
+    """The same as arrays of JAX."""
+    return Genes(*map(jnp.asarray, genes))
+
+
+def dispatch(
+    rules: ExactRules,
+    stock: Stock,
+    lanes: Lanes,
+    how: int = AS_GIVEN,
+    rounds: int = 1,
+    heat: float = 0.0,
+    guests: Genes | None = None,
+) -> Lanes:
+    """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
+    if guests:
+        lanes = join(lanes, dispatch(rules, stock, fresh_lanes(lanes.key, guests)))
+    numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
+    return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
+
+
+def _parts(drawn: Future[Genes], many: int) -> list[Genes]:
+    orders = drawn.result()
+    firsts = range(0, len(orders.order), many)
+    return [jax.tree.map(lambda leaf: leaf[first : first + many], orders) for first in firsts]  # noqa: B023
+
+
+def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
+    """After all neighbours from the first on have exchanged their best: the last one's is first."""
+    islands = islands[first:] + islands[:first]
+    pairs = zip(islands[::2], islands[1::2], strict=True)
+    islands = [lanes for pair in pairs for lanes in exchange(*pair)]
+    return islands[-first:] + islands[:-first] if first else islands
+
+
+def _power_of_two(count: int) -> int:
+    return max(16, 1 << (count - 1).bit_length())

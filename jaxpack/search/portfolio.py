@@ -1,0 +1,242 @@
+"""From a job to a plan, in the time that is given: the best of everything that was tried."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum, auto
+from math import inf
+from time import perf_counter
+
+import numpy as np
+
+from jaxpack.model.bounds import Bounds, bounds
+from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job, plan_of
+from jaxpack.model.figures import plan_worth, total_cost
+from jaxpack.model.job import Job, Plan
+from jaxpack.model.plan_check import check_plan
+from jaxpack.search.background import SearchProcess, borrow, give_back
+from jaxpack.search.quick import Best, quick_plan, search_quickly
+
+TICK = 0.05  # seconds between looks at the clock
+BOUNDING = 0.15  # share of the time that bounds may take
+CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it,
+PER_ITEM = 1e-4  # or so many seconds an item, where something else slowed the sorting down
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How to pack."""
+
+    time_limit: float = 10.0  # seconds, compilation included
+    seed: int = 0
+    support: float = Rules.support
+    inclusive: bool = Rules.inclusive
+    resolution: float | None = None  # corners stand on a grid of this length; anywhere if not given
+    skip_unfit: bool = False
+    policy: bool = True  # whether the shipped policy draws orders for the search to go on from
+
+    @property
+    def rules(self) -> Rules:
+        """What holds for every item."""
+        return Rules(self.support, self.inclusive)
+
+
+class End(Enum):
+    """What ends a search."""
+
+    BOUND = auto()  # no plan can be better
+    TIME = auto()
+    UNREADY = auto()  # time, before the compiled search was ready
+    INTERRUPT = auto()
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The best plan so far. It has passed the check."""
+
+    plan: Plan
+    bins: int
+    cost: float
+    bounds: Bounds
+    seconds: float  # since the start
+    packings: int  # tried so far
+    end: End | None  # of the search; None where it goes on
+
+
+def solve_job(
+    job: Job,
+    options: SolveOptions = SolveOptions(),
+    stop: Callable[[], bool] = lambda: False,
+) -> Progress:
+    """The last one of `improve`."""
+    *_, last = improve(job, options, stop)
+    return last
+
+
+def improve(
+    job: Job,
+    options: SolveOptions = SolveOptions(),
+    stop: Callable[[], bool] = lambda: False,
+) -> Iterator[Progress]:
+    """Better and better plans until the time is up, the last one being the best.
+
+    Args:
+        job: what is packed into what.
+        options: how.
+        stop: asked many times a second; ends the search early, with a plan.
+
+    Raises:
+        UserError: where an item fits no bin.
+        InvalidPlanError: never, unless this program is wrong.
+    """
+    begun = perf_counter()
+    loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
+    record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
+    sorting = perf_counter()
+    first = lane_genes(loading, options.seed, 0)
+    checking = min(CHECKING * (perf_counter() - sorting), PER_ITEM * len(loading.items))
+    end = begun + options.time_limit - checking
+
+    def late() -> bool:
+        return perf_counter() > end or stop()
+
+    searches = _Searches(loading, options, end, late)
+    for found, tried in searches.run(first):
+        if progress := record.with_one(found, tried):
+            yield progress
+            if progress.end:
+                return
+    ended = End.INTERRUPT if stop() else End.TIME if searches.ready else End.UNREADY
+    yield record.progress(ended)
+
+
+class _Record:
+    """The best plan that a search has met."""
+
+    def __init__(self, loading: Loading, bounds: Bounds, begun: float) -> None:
+        self.loading, self.bounds, self.begun = loading, bounds, begun
+        self.packings, self.cost = 0, inf
+        self.plan: Plan | None = None
+
+    def with_one(self, found: Best | None, tried: int) -> Progress | None:
+        """With one packing more: the progress it is, None if it is none."""
+        self.packings += tried
+        if found is None or found.cost > self.cost - 1e-6:
+            return None
+        self.cost = found.cost
+        genes, loading = found.genes, self.loading
+        types = cheapest_types(loading, genes.turn, found.bin, found.corner)
+        plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
+        worth = plan_worth(loading.job, plan)
+        if self.plan and worth >= plan_worth(loading.job, self.plan):
+            return None
+        check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
+        self.plan = plan
+        reached = self.bounds.reached_by(loading.job, plan)
+        return self.progress(End.BOUND if reached else None)
+
+    def progress(self, end: End | None) -> Progress:
+        """What there is now."""
+        job, plan, seconds = self.loading.job, self.plan, perf_counter() - self.begun
+        assert plan, "the first packing is one"
+        cost = total_cost(job, plan)
+        return Progress(plan, len(plan.bins), cost, self.bounds, seconds, self.packings, end)
+
+
+class _Searches:
+    """The search in NumPy, and the compiled one once it is ready."""
+
+    def __init__(
+        self,
+        loading: Loading,
+        options: SolveOptions,
+        end: float,
+        late: Callable[[], bool],
+    ) -> None:
+        self.loading, self.options = loading, options
+        self.end, self.late = end, late
+        self.ready = True  # whether all that was asked has searched
+
+    def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
+        """(a packing or None, packings tried since), until it is late: at once one of `first`."""
+        best = quick_plan(self.loading, first, self.late)
+        yield best, 1
+        if not compiles(self.loading) or self.late():
+            yield from self._quickly(best, self.late)
+            return
+        try:
+            process = borrow()
+        except OSError:  # an embedded interpreter, or no room for another process
+            yield from self._quickly(best, self.late)
+            return
+        try:
+            yield from self._beside(process, best)
+        finally:
+            give_back(process)
+
+    def _quickly(self, best: Best, stop: Callable[[], bool]) -> Iterator[tuple[Best | None, int]]:
+        for found in search_quickly(self.loading, self.options.seed, best, stop):
+            yield found, int(found is not None)
+
+    def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
+        policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
+        left = self.end - perf_counter()
+        self.ready = False
+        process.ask(self.loading, self.options.seed, left, best.genes, policy)
+        yield from self._quickly(best, lambda: self.late() or process.ready)
+        while not self.late():
+            reply = process.next(min(TICK, self.end - perf_counter()))
+            if isinstance(reply, int):
+                yield None, reply
+            elif reply is not None:
+                self.ready = True
+                yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
+            elif not process.alive:  # it ran out of memory, or somebody ended it
+                yield from self._quickly(best, self.late)
+
+
+def cheapest_types(
+    loading: Loading, turn: np.ndarray, bin: np.ndarray, corner: np.ndarray
+) -> dict[int, int]:
+    """For every bin that is used the type to take for it: the cheapest one left that can hold it.
+
+    Args:
+        loading: what was packed.
+        turn, bin, corner: of one lane, by row of the stock.
+
+    Returns:
+        Index of `Stock.bins` -> index in Job.bins.
+    """
+    job, stock = loading.job, loading.stock
+    slots, number = np.unique(bin[bin >= 0], return_inverse=True)
+    own = loading.bins[slots]
+    as_packed = dict(zip(slots.tolist(), own.tolist(), strict=True))
+    if len(job.bins) == 1:
+        return as_packed
+    rows = np.flatnonzero(bin >= 0)
+    ends = corner[rows].astype(np.int64) + stock.sizes[rows, turn[rows]]
+    reach, weight = np.zeros((len(slots), 3), np.int64), np.zeros(len(slots), np.int64)
+    np.maximum.at(reach, number, ends)
+    np.add.at(weight, number, stock.weight[rows].astype(np.int64))
+    kinds, first = np.unique(loading.bins, return_index=True)
+    no_limit = np.iinfo(stock.limit.dtype).max
+    prices = [
+        (stock.price[row], kind) for kind, row in zip(kinds.tolist(), first.tolist(), strict=True)
+    ]
+    left = {kind: job.bins[kind].copies for kind in kinds.tolist()}
+    chosen = {}
+    # The dearest bins choose first: they have the most to save.
+    for n in np.argsort(-stock.price[slots], kind="stable").tolist():
+        able = [
+            (price, kind != own[n], kind)
+            for (price, kind), row in zip(prices, first.tolist(), strict=True)
+            if left[kind] != 0
+            and (reach[n] <= stock.bins[row]).all()
+            and (stock.limit[row] == no_limit or weight[n] <= stock.limit[row])
+        ]
+        if not able:  # another one took the copy it had
+            return as_packed
+        kind = min(able)[2]
+        chosen[int(slots[n])] = kind
+        copies = left[kind]
+        left[kind] = None if copies is None else copies - 1
+    return chosen
