@@ -43,12 +43,14 @@ class Problem:
             bound makes placement faster. None: as large as the bin.
         support: share of an item's footprint that must rest at the item's own height, 0 to 1.
         inclusive: whether exactly that share is enough ("at least") or not ("more than").
+        rule: which of the allowed positions an item takes, a name in `jaxpack.packing.rules`.
     """
 
     bin: tuple[int, int, int]
     largest: tuple[int, int] | None = None
     support: float = 0.5
     inclusive: bool = True
+    rule: str = "lowest"
 
     def __post_init__(self) -> None:
         check_bin(self.bin)

@@ -19,7 +19,8 @@ from jax import Array
 
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.candidates import Rests, Surroundings, rests, surroundings
-from jaxpack.packing.height_map import Triple, cell_dtype, drop, empty_map
+from jaxpack.packing.height_map import cell_dtype, drop, empty_map
+from jaxpack.packing.surface import Triple
 
 T = TypeVar("T")
 

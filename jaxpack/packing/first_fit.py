@@ -10,27 +10,20 @@ A turn offers one item to one bin, in every batch member its own: none waits for
 import math
 from collections.abc import Callable
 from functools import cache, partial
-from typing import NamedTuple
 
 import chex
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.custom_batching import custom_vmap
 
 from jaxpack.model.problem import Instance, Packing, Problem
-from jaxpack.packing.height_map import (
-    LARGE_WINDOW,
-    Triple,
-    cell_dtype,
-    drop,
-    empty_map,
-    lowest,
-    rest,
-)
+from jaxpack.packing.decode import Bins, Items, decode
+from jaxpack.packing.height_map import LARGE_WINDOW, HeightMap, cell_dtype
+from jaxpack.packing.rules import RULES
+from jaxpack.packing.surface import Triple
 from jaxpack.xla.pieces import in_pieces
-from jaxpack.xla.programs import least, loops_are_whole, total, whole
+from jaxpack.xla.programs import least, total, whole
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
@@ -38,26 +31,6 @@ window from `LARGE_WINDOW` on."""
 VECTOR, SEVERAL = 32, 4
 """Bytes that the processor takes at once: what is left over of a row is done one by one, which
 takes longer than a vector more, from several instances on."""
-
-MANY_ITEMS = 128
-"""From so many on, a turn less for what would be refused is worth looking for it."""
-
-TURNS = 4
-"""On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
-
-
-class _Turn(NamedTuple):
-    """Between two turns. Ranks are places in the packing order, from 0; N is none."""
-
-    heights: Array  # cell_dtype [L + window - 1, W + window - 1, B], of the bin that is filled
-    slot: Array  # integer [B], which bin that is
-    began: Array  # bool [B], whether something lies in it
-    rank: Array  # integer [B], of the item that is offered next
-    item: tuple[Triple, Array]  # cell_dtype [B]: its sides, and the cells that must carry it
-    shut: Array  # bool [N, B] by item, what this bin would refuse; of few items one row of False
-    bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
-    place: Array  # cell_dtype [N, B] by item, y * L + x of the corner
-    z: Array  # cell_dtype [N, B] by item
 
 
 def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
@@ -131,124 +104,14 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     needed = problem.cells_needed(sizes[0] * sizes[1]).astype(dtype)
     length, width, height = sizes.astype(dtype)
     sides = length, width, height
-    turns = partial(_take_turns, problem)
-    always = (instance.bin > 0).all()
-    packed = whole(always, turns, instance.bin.T, (sides, needed), able, order.T)
-    y, x = jnp.divmod(packed.place, problem.bin[0])
-    corner = x, y, packed.z
-    stats = _stats_by_bin(problem, packed.bin, corner, sides)
-    position = jnp.stack([place.T.astype(jnp.int32) for place in corner], -1)
-    bin = jnp.maximum(packed.bin, -1).astype(jnp.int32)
-    return Packing(bin.T, position, *stats.transpose(1, 2, 0))
-
-
-def _take_turns(
-    problem: Problem, bins: Array, items: tuple[Triple, Array], able: Array, order: Array
-) -> _Turn:
-    """Offers items to bins until none is left to offer.
-
-    Args:
-        bins: int32 [3, B].
-        items: cell_dtype [N, B]: sides, and the cells that must carry each.
-        able: bool [N, B], False for what is never packed.
-        order: int32 [N, B].
-    """
-    N, batch = able.shape
-    dtype = cell_dtype(problem)
-    lane = jnp.arange(batch)
-    ceiling = bins[2].astype(dtype)
-    empty = empty_map(problem, bins)
-    slots = _narrowest(("int8", "int16", "int32"), N)
-    # Up to twice N: what comes before the current item is offered to the next bin.
-    ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
-    (length, width, height), needed = items
-    ranked = jnp.stack([length, width, height, needed], -1)
-    if dtype.itemsize == 1:  # as one word: XLA gathers one element after the other
-        ranked = jax.lax.bitcast_convert_type(ranked, jnp.int32)
-    ranked, rank_of = _by_rank(ranked, order, ranks)
-
-    def fetched(rank: Array) -> tuple[Triple, Array]:
-        row = jnp.minimum(rank, N - 1).astype(jnp.int32)
-        item = ranked.at[row, lane].get(mode="promise_in_bounds")
-        if dtype.itemsize == 1:
-            item = jax.lax.bitcast_convert_type(item, dtype)
-        length, width, height, needed = jnp.unstack(item, axis=-1)
-        return (length, width, height), needed
-
-    def turn(now: _Turn) -> _Turn:
-        size, needed = now.item
-        z = rest(problem, now.heights, size, needed, ceiling)
-        corner, fits = lowest(problem, z, least)
-        fits &= now.rank < N
-        x, y, z = corner
-        here = (rank_of == now.rank) & fits
-        bin = jnp.where(here, now.slot, now.bin)
-        shut = now.shut
-        if N >= MANY_ITEMS:
-            # What is like a refused item, or higher, is refused too until something comes in.
-            shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
-            shut &= ~fits
-        following = jnp.where((rank_of > now.rank) & ~shut, rank_of, rank_of + N)
-        following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
-        # A bin that took nothing is the end: what is left fits no bin.
-        began = now.began | fits
-        opens = (following >= N) & began
-        rank = jnp.where(opens, following - N, jnp.minimum(following, N))
-        heights = drop(problem, now.heights, size, corner, fits)
-        return _Turn(
-            heights=jnp.where(opens, empty, heights),
-            slot=now.slot + opens.astype(slots),
-            began=began & ~opens,
-            rank=rank,
-            # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
-            item=fetched(rank),
-            shut=shut & ~opens,
-            bin=bin,
-            place=jnp.where(here, y * problem.bin[0] + x, now.place),
-            z=jnp.where(here, z, now.z),
-        )
-
-    rank = least(jnp.where(able, rank_of, ranks.type(N)), 1)
-    nothing = jnp.zeros((N, batch), dtype)
-    start = _Turn(
-        heights=empty,
-        slot=jnp.zeros(batch, slots),
-        began=jnp.zeros(batch, bool),
-        rank=rank,
-        item=fetched(rank),
-        shut=jnp.zeros((N if N >= MANY_ITEMS else 1, batch), bool),
-        bin=jnp.where(able, -1, -2).astype(slots),
-        place=nothing,
-        z=nothing,
-    )
-
-    def turns(now: _Turn) -> _Turn:
-        for _ in range(1 if jax.default_backend() == "cpu" else TURNS):
-            now = turn(now)  # of no effect once nothing is left
-        return now
-
-    return jax.lax.while_loop(lambda now: (now.rank < N).any(), turns, start)
-
-
-def _by_rank(items: Array, order: Array, dtype: np.dtype) -> tuple[Array, Array]:
-    """(rows of `items` [N, B, ...] in packing order, rank of every item [N, B])."""
-    N, batch = order.shape
-    lane = jnp.arange(batch)
-    if not loops_are_whole():
-        rank = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
-        rank_of = jnp.zeros_like(rank).at[order, lane].set(rank, unique_indices=True)
-        return items.at[order, lane].get(mode="promise_in_bounds"), rank_of
-    # Comparing a whole column costs less than writing one number to where it belongs.
-    number = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
-
-    def place(rank: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        row = items.at[order[rank], lane].get(mode="promise_in_bounds")
-        here = number == order[rank].astype(dtype)
-        return found[0].at[rank].set(row), jnp.where(here, rank.astype(dtype), found[1])
-
-    nothing = jnp.zeros_like(items), jnp.zeros((N, batch), dtype)
-    done: tuple[Array, Array] = jax.lax.fori_loop(0, N, place, nothing)
-    return done
+    room = instance.bin.T.astype(dtype)
+    bins = Bins((room[0], room[1], room[2]))
+    items = Items(sides, needed, able)
+    packer = partial(decode, HeightMap(problem), RULES[problem.rule])
+    placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
+    stats = _stats_by_bin(problem, placed.bin, placed.corner, sides)
+    position = jnp.stack([place.T.astype(jnp.int32) for place in placed.corner], -1)
+    return Packing(placed.bin.T.astype(jnp.int32), position, *stats.transpose(1, 2, 0))
 
 
 def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
@@ -287,8 +150,3 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
     nothing = jnp.zeros((N, 3, batch), jnp.int32)
     # A scatter takes one number after the other; a slot at a time takes all lanes.
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
-
-
-def _narrowest(names: tuple[str, ...], largest: int) -> np.dtype:
-    """The first of these integer types that holds `largest`, its maximum kept free."""
-    return np.dtype(next(name for name in names if np.iinfo(name).max > largest))

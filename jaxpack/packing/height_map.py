@@ -4,11 +4,11 @@ Height maps are ``[L + window - 1, W + window - 1, *batch]``: batch last, becaus
 CPU vectorises over the last axis, and in the narrowest integer that holds every number of the
 kernel. Cells outside the bin are walls of the largest number of the type: a footprint that
 reaches over the edge then rests too high to fit, and no comparison of coordinates is needed.
-Sizes and corners are three arrays and not one of [3, *batch]: where a scan slices them from a
-stacked array, XLA fuses the slicing into the window and runs 60 times slower.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,12 +16,119 @@ import numpy as np
 from jax import Array
 
 from jaxpack.model.problem import Problem
-from jaxpack.xla.programs import apart
-
-Triple = tuple[Array, Array, Array]
+from jaxpack.packing.rules import Positions, Rule
+from jaxpack.packing.surface import Triple, least_first
+from jaxpack.xla.programs import apart, least
 
 LARGE_WINDOW = 150
 """From this many cells on, a window is put together from blocks of 1, 2, 4, ... cells."""
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """The surface of bins in cells: see `jaxpack.packing.surface`. Its state is the map."""
+
+    problem: Problem
+
+    @property
+    def dtype(self) -> np.dtype:
+        """See `cell_dtype`."""
+        return cell_dtype(self.problem)
+
+    @property
+    def flat(self) -> bool:
+        """2D."""
+        return self.problem.bin[1] == 1
+
+    @property
+    def most(self) -> int | None:
+        """Any number."""
+        return None
+
+    def empty(self, room: Triple) -> Array:
+        """See `empty_map`."""
+        return empty_map(self.problem, jnp.stack(room))
+
+    def candidates(
+        self, state: Array, size: Triple, needed: Array, room: Triple, wanted: Array
+    ) -> tuple["Cells", Array]:
+        """Every cell of the bin."""
+        z = rest(self.problem, state, size, needed, room[2])
+        return Cells(self.problem, state, z, size, room), state
+
+    def place(
+        self, state: Array, size: Triple, corner: Triple, fits: Array, room: Triple, opens: Array
+    ) -> Array:
+        """See `drop`."""
+        return jnp.where(opens, self.empty(room), drop(self.problem, state, size, corner, fits))
+
+
+class Cells(NamedTuple):
+    """Candidates on a height map."""
+
+    problem: Problem
+    heights: Array
+    z: Array  # cell_dtype [L, W, *batch] from `rest`
+    size: Triple
+    room: Triple
+
+    def first(self, rule: Rule) -> tuple[Triple, Array]:
+        """The position that the rule prefers; the corner means nothing where there is none."""
+        L, W, _ = self.problem.bin
+        x, y = _coordinates(self.problem, self.z.ndim - 2)
+        at = Positions(x[:L], y[:, :W], self.z, self.size, self.room, self.contact, self.waste)
+        keys = rule(at)
+        # Cells in the order of y, then x; of what the corner is made besides z.
+        place = (at.y * L + at.x).astype(self.z.dtype)
+        wall = np.iinfo(self.z.dtype).max
+        by_height = keys[0] is self.z  # which says already what is not allowed
+        keys = (*keys, place) if by_height else (*keys, place, self.z)
+        allowed = None if by_height else self.z < wall
+        found = least_first(keys, allowed, lambda key: least(key, 2))
+        z = found[0 if by_height else -1]
+        first = found[len(keys) - (1 if by_height else 2)]
+        return (first % L, first // L, z), z < wall
+
+    def contact(self) -> Array:
+        """Area of an item's sides at walls or at what is higher beside it, all that is below its
+        top counted as solid: float32 [L, W, *batch].
+        """
+        length, width, height = self.size
+
+        def touching(d: Array, e: Array, there: Array) -> Array:
+            along_y = ((d == 0) | (d == length + 1)) & (e > 0) & (e <= width)
+            along_x = ((e == 0) | (e == width + 1)) & (d > 0) & (d <= length)
+            return jnp.where(along_x | along_y, jnp.clip(there - self.z, 0, height), 0)
+
+        return self._summed(touching)
+
+    def waste(self) -> Array:
+        """Volume between an item and what is below it: float32 [L, W, *batch], cells."""
+        length, width, _ = self.size
+
+        def empty(d: Array, e: Array, there: Array) -> Array:
+            under = (d > 0) & (d <= length) & (e > 0) & (e <= width)
+            return jnp.where(under, jnp.maximum(self.z - there, 0), 0)
+
+        return self._summed(empty)
+
+    def _summed(self, cell: Callable[[Array, Array, Array], Array]) -> Array:
+        """Sum of `cell(d, e, height)` over the cells under and around every position, which are
+        counted from one before the corner on.
+        """
+        window_x, window_y = self.problem.window
+        wall = np.iinfo(self.heights.dtype).max
+        padding = ((1, 1), (1, 1), *((0, 0),) * (self.z.ndim - 2))
+        heights = jnp.pad(self.heights, padding, constant_values=wall)
+
+        def add(n: Array, sums: Array) -> Array:
+            d, e = jnp.divmod(n, window_y + 2)
+            there = jax.lax.dynamic_slice(heights, (d, e, *(0,) * (self.z.ndim - 2)), self.z.shape)
+            d, e = d.astype(self.z.dtype), e.astype(self.z.dtype)
+            return sums + cell(d, e, there).astype(jnp.float32)
+
+        cells = (window_x + 2) * (window_y + 2)
+        return jax.lax.fori_loop(0, cells, add, jnp.zeros(self.z.shape, jnp.float32))
 
 
 def cell_dtype(problem: Problem) -> np.dtype:
@@ -87,30 +194,21 @@ def rest(problem: Problem, heights: Array, size: Triple, needed: Array, ceiling:
     return jnp.where(allowed, z, np.iinfo(heights.dtype).max)
 
 
-def _minimum(array: Array, axes: int) -> Array:
-    return array.min(tuple(range(axes)))
-
-
-def lowest(
-    problem: Problem, z: Array, least: Callable[[Array, int], Array] = _minimum
-) -> tuple[Triple, Array]:
+def lowest(problem: Problem, z: Array) -> tuple[Triple, Array]:
     """The paper's choice among allowed positions: minimum z, then y, then x (section II.C).
 
     Args:
         z: cell_dtype [L, W, *batch] from `rest`.
-        least: (array, n) -> its minimum over the leading n axes.
 
     Returns:
         ((x, y, z), fits): cell_dtype [*batch] each and bool [*batch]; the corner means nothing
         where the item does not fit.
     """
     L, W, _ = problem.bin
-    wall = np.iinfo(z.dtype).max
-    z_best = least(z, 2)
     x, y = _coordinates(problem, z.ndim - 2)
     place = (y[:, :W] * L + x[:L]).astype(z.dtype)
-    first = least(jnp.where(z == z_best, place, wall), 2)
-    return (first % L, first // L, z_best), z_best < wall
+    best, first = least_first((z, place), None, lambda key: key.min((0, 1)))
+    return (first % L, first // L, best), best < np.iinfo(z.dtype).max
 
 
 def drop(problem: Problem, heights: Array, size: Triple, corner: Triple, fits: Array) -> Array:

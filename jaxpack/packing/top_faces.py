@@ -1,15 +1,18 @@
-"""The kernel without a grid: a bin is the list of the top faces of what lies in it.
+"""The surface without a grid: a bin as the heights between the edges of what lies in it.
 
-Lengths are whole units as fine as wanted: one placement costs by the number of items in the bin
-and not by its resolution. The rule is the height map's: an item comes down from above, rests on
-the highest face under its footprint, and enough of the footprint must lie on faces of exactly
-that height. A face that is partly covered needs no care: whatever covers it is higher.
+Lengths are whole units as fine as wanted: a placement costs by the number of edges in the bin and
+not by its resolution. The rule is the height map's: an item comes down from above, rests on the
+highest face under its footprint, and enough of the footprint must lie on faces of exactly that
+height. An item may stand with its near edges at 0 and at the far edges of those already there.
 
-Arrays have a trailing batch axis B, as in `height_map`. M is the most items that a bin holds, X
-and Y are numbers of candidate coordinates. A side of a bin has at most 2^30 units; areas have the
-type of `needed`, int32 or int64, and must fit it.
+A line is a coordinate at which items may stand, in the order in which it came; `heights` has the
+height just beyond every pair of lines. As every face begins at a line, and ends at one or (with
+corners on a grid of `step`) a little before one that nothing stands between, the highest face under
+a footprint is the highest of these numbers within it. Loops go over tiles of the lines that are in
+use, in the batch member that has most: what is reserved but unused costs memory only.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -17,116 +20,256 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.packing.height_map import Triple
+from jaxpack.packing.rules import Positions, Rule
+from jaxpack.packing.surface import Triple, before, least_first
+from jaxpack.packing.tiles import AT_ONCE, TILE, Tiles, highest, indices, row_at
+from jaxpack.xla.programs import least, total
 
-NOWHERE = np.iinfo(np.int32).max
-"""The resting height where an item is not allowed, the coordinate that is none."""
-FARTHEST = 2**30 - 1  # of corners: far edges then fit int32
+SHORT = 2**14 - 2
+"""Units a side, of which sums fit int16."""
+FACES = 16  # looked at together
 
 
 class Faces(NamedTuple):
-    """What lies in one bin, seen from above; rows that are not used are all zero."""
+    """What lies in one bin. X and Y are the most lines, M the most items, both rounded up."""
 
-    near_x: Array  # int32 [M, B], units
-    far_x: Array
-    near_y: Array
-    far_y: Array
-    top: Array
-    used: Array  # int32 [B], rows in use
-
-
-class Edges(NamedTuple):
-    """Candidate coordinates along one axis, each once; the rest is NOWHERE."""
-
-    at: Array  # int32 [M, B], units
-    used: Array  # int32 [B], rows in use
+    x: Array  # dtype [X, B], units; far away if not in use
+    y: Array  # dtype [Y, B]
+    used_x: Array  # int32 [B], lines in use
+    used_y: Array
+    heights: Array  # dtype [X, Y, B], just beyond a line along x and one along y
+    boxes: tuple[Array, ...]  # dtype [M, B] each: near x, far x, near y, far y, bottom, top
+    used: Array  # int32 [B], boxes in use
+    across: Array  # dtype [X, Y, B], room for what `candidates` finds out
+    z: Array
 
 
-def no_faces(most: int, batch: int) -> Faces:
-    """An empty bin with room for `most` items."""
-    nothing = jnp.zeros((most, batch), jnp.int32)
-    return Faces(nothing, nothing, nothing, nothing, nothing, jnp.zeros(batch, jnp.int32))
+@dataclass(frozen=True)
+class TopFaces:
+    """The surface of bins in whole units: see `jaxpack.packing.surface`.
 
-
-def no_edges(most: int, batch: int) -> Edges:
-    """The candidates in an empty bin: 0."""
-    at = jnp.full((most, batch), NOWHERE, jnp.int32).at[0].set(0)
-    return Edges(at, jnp.ones(batch, jnp.int32))
-
-
-def add_edge(edges: Edges, far: Array, fits: Array) -> Edges:
-    """With the far edge (int32 [B]) of what was placed where it fits."""
-    new = fits & (edges.at != far).all(0)
-    here = (jnp.arange(len(edges.at), dtype=jnp.int32)[:, None] == edges.used) & new
-    return Edges(jnp.where(here, far, edges.at), edges.used + new.astype(jnp.int32))
-
-
-def rest_on(faces: Faces, xs: Array, ys: Array, size: Triple, needed: Array, room: Triple) -> Array:
-    """Resting height of an item at every candidate position, NOWHERE where it is not allowed.
-
-    Args:
-        xs, ys: int32 [X, B] and [Y, B], candidate coordinates of the corner.
-        size: length, width, height of the item: int32 [B] each.
-        needed: int32 or int64 [B], area that must lie on faces at the resting height. Where it is
-            int64 this has to be called with x64 enabled.
-        room: length, width, height of the bin: int32 [B] each.
-
-    Returns:
-        int32 [X, Y, B].
+    Areas have the type of `needed`, int32 or int64, and must fit it; where that is int64, all of
+    this has to be traced with x64 enabled, for which every other type is written out.
     """
-    area_type = needed.dtype
-    start = jnp.minimum(xs, FARTHEST)[:, None], jnp.minimum(ys, FARTHEST)[None]
-    end = start[0] + size[0], start[1] + size[1]
 
-    def under(row: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        """(the highest face so far, the area that lies on it) with one face more."""
-        z, carried = found
-        near_x, far_x, near_y, far_y, top = (column[row] for column in faces[:5])
-        over_x = jnp.minimum(end[0], far_x) - jnp.maximum(start[0], near_x)
-        over_y = jnp.minimum(end[1], far_y) - jnp.maximum(start[1], near_y)
-        touches = (over_x > 0) & (over_y > 0) & (top >= z)
-        area = over_x.astype(area_type) * over_y.astype(area_type)
-        area += jnp.where(top == z, carried, 0)
-        return jnp.where(touches, top, z), jnp.where(touches, area, carried)
+    most: int  # items that a bin can hold
+    flat: bool = False  # 2D
+    short: bool = False  # no side is longer than `SHORT`: lengths have 16 bits
+    step: int = 1  # units, of which corners along x and y are multiples
 
-    places = (len(xs), len(ys), xs.shape[-1])
-    nothing = jnp.zeros(places, jnp.int32), jnp.zeros(places, area_type)
-    z, carried = jax.lax.fori_loop(0, faces.used.max(), under, nothing)
-    floor = size[0].astype(area_type) * size[1].astype(area_type)
-    carried = jnp.where(z == 0, floor, carried)
-    inside = (xs <= room[0] - size[0])[:, None] & (ys <= room[1] - size[1])
-    allowed = inside & (z <= room[2] - size[2]) & (carried >= needed)
-    return jnp.where(allowed, z, NOWHERE)
+    @property
+    def dtype(self) -> np.dtype:
+        """int16 or int32."""
+        return np.dtype("int16" if self.short else "int32")
+
+    def empty(self, room: Triple) -> Faces:
+        """See `Surface.empty`."""
+        batch, dtype = room[0].shape[0], self.dtype
+        X = _rounded(self.most + 1, AT_ONCE)
+        Y = 1 if self.flat else X
+        x, y = (
+            jnp.full((lines, batch), np.iinfo(dtype).max, dtype).at[0].set(0) for lines in (X, Y)
+        )
+        one, nothing = jnp.ones(batch, jnp.int32), jnp.zeros((X, Y, batch), dtype)
+        boxes = (jnp.zeros((_rounded(self.most, FACES), batch), dtype),) * 6
+        return Faces(x, y, one, one, nothing, boxes, jnp.zeros_like(one), nothing, nothing)
+
+    def candidates(
+        self, state: Faces, size: Triple, needed: Array, room: Triple, wanted: Array
+    ) -> tuple["Corners", Faces]:
+        """Every pair of lines."""
+        lines_x, lines_y = (
+            jnp.where(wanted, used, 0).max() for used in (state.used_x, state.used_y)
+        )
+        tiles = Tiles(lines_x, lines_y, 1 if self.flat else TILE, len(wanted))
+        across = highest(tiles, 0, state.heights, state.x, size[0], state.across)
+        state = state._replace(across=across)
+        if self.flat:
+            return Corners(tiles, state, across, size, needed, room, wanted), state
+        z = highest(tiles, 1, across, state.y, size[1], state.z)
+        return Corners(tiles, state, z, size, needed, room, wanted), state._replace(z=z)
+
+    def place(
+        self, state: Faces, size: Triple, corner: Triple, fits: Array, room: Triple, opens: Array
+    ) -> Faces:
+        """See `Surface.place`."""
+        start = jnp.stack(corner)
+        end = start + jnp.stack(size)
+        x, used_x, new_x, pred_x = self._with_line(state.x, state.used_x, end[0], fits, room[0])
+        y, used_y, new_y, pred_y = self._with_line(state.y, state.used_y, end[1], fits, room[1])
+        if self.flat:
+            y, used_y, new_y = state.y, state.used_y, jnp.full_like(new_y, -1)
+        tiles = Tiles(used_x.max(), used_y.max(), 1 if self.flat else TILE, len(fits))
+        # A new line's ground is that of the line before it, as far as it reached.
+        row = row_at(tiles.lines_x, state.x, pred_x, state.heights, axis=0)
+        column = row_at(tiles.lines_y, state.y, pred_y, state.heights, axis=1)
+        both = row_at(tiles.lines_y, state.y, pred_y, row[None], axis=1)
+        column = jnp.where(indices(x) == new_x, both, column)
+
+        def tile(n: Array, heights: Array) -> Array:
+            at_x, at_y = tiles.start(n)
+            there_x, i = tiles.x(x, n), at_x + indices(tiles.x(x, n))
+            there_y, j = tiles.y(y, n), at_y + indices(tiles.y(y, n))
+            here = tiles.cells(heights, n)
+            here = jnp.where((i == new_x)[:, None], tiles.y(row, n)[None], here)
+            here = jnp.where((j == new_y)[None], tiles.x(column, n)[:, None], here)
+            inside_x = (there_x >= start[0]) & (there_x < end[0]) & fits
+            inside_y = (there_y >= start[1]) & (there_y < end[1])
+            here = jnp.where(inside_x[:, None] & inside_y[None], end[2], here)
+            return tiles.write(heights, here, n)
+
+        heights = jax.lax.fori_loop(0, tiles.number, tile, state.heights)
+        box = indices(state.boxes[0]) == jnp.where(fits, state.used, -1)
+        sides = (start[0], end[0], start[1], end[1], start[2], end[2])
+        nowhere = np.iinfo(self.dtype).max
+        return state._replace(
+            x=jnp.where(opens & (indices(x) > 0), nowhere, x).astype(self.dtype),
+            y=jnp.where(opens & (indices(y) > 0), nowhere, y).astype(self.dtype),
+            used_x=jnp.where(opens, 1, used_x),
+            used_y=jnp.where(opens, 1, used_y),
+            heights=heights.at[0, 0].set(jnp.where(opens, self.dtype.type(0), heights[0, 0])),
+            boxes=tuple(
+                jnp.where(box, value, column)
+                for column, value in zip(state.boxes, sides, strict=True)
+            ),
+            used=jnp.where(opens, 0, state.used + fits.astype(jnp.int32)),
+        )
+
+    def _with_line(
+        self, lines: Array, used: Array, end: Array, fits: Array, wall: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """(lines with the first that a far edge makes, how many, its index or -1, line before)."""
+        if self.step > 1:
+            end = -(-end // self.step) * self.step
+        index = indices(lines)
+        is_new = fits & (end < wall) & (least((lines != end).astype(jnp.int8), 1) == 1)
+        earlier = (lines <= end) & (index < used)
+        pred = -least(-jnp.where(earlier, lines, self.dtype.type(0)), 1)
+        at = jnp.where(is_new, used, -1)
+        lines = jnp.where(index == at, end.astype(self.dtype), lines)
+        return lines, used + is_new.astype(jnp.int32), at, pred
 
 
-def lowest_corner(xs: Array, ys: Array, z: Array) -> tuple[Triple, Array]:
-    """Minimum z, then y, then x: ((x, y, z) int32 [B] each, fits bool [B])."""
-    z_best = z.min((0, 1))
-    at_best = z == z_best
-    y_best = jnp.where(at_best, ys, NOWHERE).min((0, 1))
-    x_best = jnp.where(at_best & (ys == y_best), xs[:, None], NOWHERE).min((0, 1))
-    return (x_best, y_best, z_best), z_best < NOWHERE
+class Corners(NamedTuple):
+    """Candidates between lines. Whether one is carried is looked at when it is preferred."""
+
+    tiles: Tiles
+    state: Faces
+    z: Array  # dtype [X, Y, B], in the tiles
+    size: Triple
+    needed: Array  # int32 or int64 [B]
+    room: Triple
+    wanted: Array  # bool [B]
+
+    def first(self, rule: Rule) -> tuple[Triple, Array]:
+        """The first position in the rule's sequence that is carried."""
+        kinds = jax.eval_shape(lambda: self._keys(rule, jnp.int32(0))[0])
+        nothing = [
+            jnp.full(key.shape[-1:], _largest(key.dtype), key.dtype) for key in kinds
+        ]  # as the keys of no position
+
+        def attempt(now: tuple) -> tuple:
+            open_, tried, last, chosen = now
+
+            def look(n: Array, best: list[Array]) -> list[Array]:
+                keys, allowed = self._keys(rule, n)
+                allowed &= ~tried | before(last, keys)
+                flat = [key.reshape(-1, key.shape[-1]) for key in keys]
+                found = least_first(
+                    flat, allowed.reshape(-1, allowed.shape[-1]), lambda key: least(key, 1)
+                )
+                wins = before(found, best)
+                return [jnp.where(wins, one, other) for one, other in zip(found, best, strict=True)]
+
+            found = jax.lax.fori_loop(0, self.tiles.number, look, nothing)
+            y, x, z = found[-3:]
+            there = x < np.iinfo(x.dtype).max
+            takes = open_ & there & self._carried((x, y, z))
+            chosen = tuple(
+                jnp.where(takes, new, old) for new, old in zip((x, y, z), chosen, strict=True)
+            )
+            return open_ & there & ~takes, tried | True, found, chosen
+
+        nowhere = tuple(jnp.full_like(side, np.iinfo(side.dtype).max) for side in self.size)
+        start = (self.wanted, jnp.bool_(False), nothing, nowhere)
+        *_, (x, y, z) = jax.lax.while_loop(lambda now: now[0].any(), attempt, start)
+        return (x, y, z), z < np.iinfo(z.dtype).max
+
+    def _keys(self, rule: Rule, n: Array) -> tuple[list[Array], Array]:
+        """(the rule's keys, then y, x and z; whether that is inside the bin) of a tile."""
+        x, y = self.tiles.x(self.state.x, n)[:, None], self.tiles.y(self.state.y, n)[None]
+        z = self.tiles.cells(self.z, n)
+        at_x, at_y = self.tiles.start(n)
+        inside_x = (at_x + indices(x) < self.state.used_x) & (x <= self.room[0] - self.size[0])
+        rows = at_y + jnp.arange(y.shape[1], dtype=jnp.int32)[:, None]
+        inside_y = (rows < self.state.used_y) & (y <= self.room[1] - self.size[1])
+        at = Positions(
+            x, y, z, self.size, self.room,
+            lambda: self._contact(x, y, z), lambda: self._waste(x, y, z),
+        )  # fmt: skip
+        keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), y, x, z)]
+        return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
+
+    def _carried(self, corner: Triple) -> Array:
+        """Whether enough of an item would lie on faces at its resting height: bool [B]."""
+        x, y, z = corner
+        far_x, far_y = x + self.size[0], y + self.size[1]
+
+        def some(n: Array, area: Array) -> Array:
+            row = (n * FACES, jnp.int32(0))
+            near_x, end_x, near_y, end_y, _, top = (
+                jax.lax.dynamic_slice(column, row, (FACES, len(x))) for column in self.state.boxes
+            )
+            level = (top == z) & (n * FACES + indices(top) < self.state.used)
+            over_x = jnp.maximum(jnp.minimum(far_x, end_x) - jnp.maximum(x, near_x), 0)
+            over_y = jnp.maximum(jnp.minimum(far_y, end_y) - jnp.maximum(y, near_y), 0)
+            shared = over_x.astype(area.dtype) * over_y.astype(area.dtype)
+            return area + total(jnp.where(level, shared, 0).astype(area.dtype), 1)
+
+        count = (self.state.used.max() + (FACES - 1)) // FACES
+        area = jax.lax.fori_loop(0, count, some, jnp.zeros_like(self.needed))
+        return (z == 0) | (area >= self.needed)
+
+    def _contact(self, x: Array, y: Array, z: Array) -> Array:
+        """Area of an item's sides at walls and at other items: float32, of the shape of z."""
+        length, width, height = (side.astype(jnp.float32) for side in self.size)
+        room_x, room_y, _ = self.room
+        far_x, far_y, top = x + self.size[0], y + self.size[1], z + self.size[2]
+        at_x = ((x == 0) * 1.0 + (far_x == room_x) * 1.0).astype(jnp.float32)
+        at_y = ((y == 0) * 1.0 + (far_y == room_y) * 1.0).astype(jnp.float32)
+
+        def beside(n: Array, sums: Array) -> Array:
+            near_x, end_x, near_y, end_y, below, above = (column[n] for column in self.state.boxes)
+            along = _overlap(z, top, below, above) * (n < self.state.used)
+            touch_x = ((end_x == x) | (near_x == far_x)) * _overlap(y, far_y, near_y, end_y)
+            touch_y = ((end_y == y) | (near_y == far_y)) * _overlap(x, far_x, near_x, end_x)
+            return sums + along * (touch_x + touch_y)
+
+        walls = at_x * width * height + at_y * length * height + jnp.zeros(z.shape, jnp.float32)
+        return jax.lax.fori_loop(0, self.state.used.max(), beside, walls)
+
+    def _waste(self, x: Array, y: Array, z: Array) -> Array:
+        """Volume below an item that no item fills: float32, of the shape of z."""
+        far_x, far_y = x + self.size[0], y + self.size[1]
+
+        def without(n: Array, empty: Array) -> Array:
+            near_x, end_x, near_y, end_y, below, above = (column[n] for column in self.state.boxes)
+            tall = (above - below).astype(jnp.float32) * (n < self.state.used)
+            area = _overlap(x, far_x, near_x, end_x) * _overlap(y, far_y, near_y, end_y)
+            return empty - tall * area
+
+        base = self.size[0].astype(jnp.float32) * self.size[1].astype(jnp.float32)
+        return jax.lax.fori_loop(0, self.state.used.max(), without, z.astype(jnp.float32) * base)
 
 
-def put_on(faces: Faces, size: Triple, corner: Triple, fits: Array) -> Faces:
-    """The faces after an item of `size` has come to rest at `corner`, where it fits."""
-    x, y, z = corner
-    row = jnp.arange(len(faces.top), dtype=jnp.int32)[:, None]
-    here = (row == faces.used) & fits
-
-    def write(column: Array, value: Array) -> Array:
-        return jnp.where(here, value, column)
-
-    return Faces(
-        near_x=write(faces.near_x, x),
-        far_x=write(faces.far_x, x + size[0]),
-        near_y=write(faces.near_y, y),
-        far_y=write(faces.far_y, y + size[1]),
-        top=write(faces.top, z + size[2]),
-        used=faces.used + fits.astype(jnp.int32),
-    )
+def _overlap(start: Array, end: Array, near: Array, far: Array) -> Array:
+    """How long two stretches run side by side: float32."""
+    return jnp.maximum(jnp.minimum(end, far) - jnp.maximum(start, near), 0).astype(jnp.float32)
 
 
-def first_edges(edges: Edges, rows: int) -> Array:
-    """The candidates where no more than so many rows are in use: int32 [rows, B]."""
-    return edges.at[:rows]
+def _largest(dtype: np.dtype) -> float | int:
+    return float("inf") if jnp.issubdtype(dtype, jnp.floating) else int(np.iinfo(dtype).max)
+
+
+def _rounded(count: int, step: int) -> int:
+    return -(-count // step) * step

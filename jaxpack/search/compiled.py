@@ -25,7 +25,7 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
-from jaxpack.packing.first_fit_exact import STAGES, ExactRules
+from jaxpack.packing.top_faces import SHORT, TopFaces
 from jaxpack.search.local_search import (
     ANNEAL,
     AS_GIVEN,
@@ -37,7 +37,7 @@ from jaxpack.search.local_search import (
     fresh_lanes,
     join,
 )
-from jaxpack.search.policy_orders import first_stage, policy_genes
+from jaxpack.search.policy_orders import policy_genes
 from jaxpack.xla.devices import usable_cores
 
 LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
@@ -45,17 +45,17 @@ ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
 BREATH = 0.25  # seconds
 EXCHANGE = 4  # dispatches after which those that breed and those that anneal share their best
 HEAT = 0.02  # of the annealing at the start, in bins
-STAGES_FLAT = (*STAGES, 1024, 2048, 4096)
 
 
-def encode(loading: Loading) -> tuple[ExactRules, Stock]:
+def encode(loading: Loading) -> tuple[TopFaces, Stock]:
     """What is static of the program, and the stock padded to the next size that has one."""
     items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
-    most = first_stage(STAGES_FLAT, most_together(loading.stock))
-    assert most is not None, "see `compiles`"
+    most = _power_of_two(most_together(loading.stock))
+    short = int(loading.stock.bins.max()) <= SHORT
+    surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
     stock = padded(loading.stock, items, bins)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
-        return ExactRules(most, loading.flat), jax.tree.map(jnp.asarray, stock)
+        return surface, jax.tree.map(jnp.asarray, stock)
 
 
 def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:
@@ -84,7 +84,7 @@ def search(
         wanted: asked between dispatches.
     """
     end = perf_counter() + seconds
-    rules, stock = encode(loading)
+    surface, stock = encode(loading)
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many)
     if first:
@@ -92,7 +92,7 @@ def search(
         genes = jax.tree.map(
             lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
         )
-    lanes = dispatch(rules, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
+    lanes = dispatch(surface, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
     yield lanes.best, many
     drawn, guests = None, list[Genes]()
     with ThreadPoolExecutor() as threads:
@@ -110,7 +110,7 @@ def search(
             heat = HEAT * ((end - now) / seconds) ** 2
             how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
             visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
-            some = partial(dispatch, rules, stock, how=how, rounds=rounds, heat=heat)
+            some = partial(dispatch, surface, stock, how=how, rounds=rounds, heat=heat)
             done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
                                     zip(mine, visits, strict=True)))  # fmt: skip
             tried = many * (rounds * len(done) + (visits[-1] is not None))
@@ -132,7 +132,7 @@ def to_device(genes: Genes) -> Genes:
 
 
 def dispatch(
-    rules: ExactRules,
+    surface: TopFaces,
     stock: Stock,
     lanes: Lanes,
     how: int = AS_GIVEN,
@@ -142,9 +142,9 @@ def dispatch(
 ) -> Lanes:
     """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
     if guests:
-        lanes = join(lanes, dispatch(rules, stock, fresh_lanes(lanes.key, guests)))
+        lanes = join(lanes, dispatch(surface, stock, fresh_lanes(lanes.key, guests)))
     numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-    return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
+    return jax.block_until_ready(advance(surface, stock, lanes, *numbers))
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:

@@ -15,7 +15,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.model.encoding import Genes, Stock
-from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
+from jaxpack.packing.decode import Bins, Items, decode
+from jaxpack.packing.rules import RULES
+from jaxpack.packing.top_faces import TopFaces
 from jaxpack.search.quick import WEIGHT_OF_FILL
 
 ELITE, MUTANTS, BIAS = 0.2, 0.14, 0.7  # as in `solvers.brkga`
@@ -50,26 +52,25 @@ def fresh_lanes(key: Array, genes: Genes) -> Lanes:
     return Lanes(key, genes, nothing, jnp.full(P, jnp.inf, jnp.float32), best)
 
 
-def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
+def pack_lanes(surface: TopFaces, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
     """(bin int32 [P, N], corner int32 [P, N, 3], cost float32 [P]); the rows are the stock's.
 
     The bin is an index of `Stock.bins`.
     """
-    lane = jnp.arange(genes.order.shape[0])[:, None]
-    item, pool = genes.order, genes.pool
-    turn = genes.turn[lane, item]
-    sizes = stock.sizes[item, turn]  # [P, N, 3]
-    size, room = jnp.moveaxis(sizes, 0, -1), jnp.moveaxis(stock.bins[pool], 0, -1)
+    lane, item = jnp.arange(genes.order.shape[0])[:, None], jnp.arange(genes.order.shape[1])
+    sizes = jnp.moveaxis(stock.sizes[item, genes.turn].astype(surface.dtype), -1, 0)  # [3, P, N]
+    rooms = jnp.moveaxis(stock.bins[genes.pool].astype(surface.dtype), -1, 0)
+    mask = jnp.broadcast_to(stock.mask, genes.order.shape)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
-        needed, weight, limit = stock.needed[item, turn], stock.weight[item], stock.limit[pool]
-        items = Items(size, needed.T, weight.T, stock.mask[item].T)
-        bins = Bins(room, limit.T, stock.step)
-    layout = pack_exact(rules, items, bins)
-    slot = layout.bin.T
+        needed, limit = stock.needed[item, genes.turn], stock.limit[genes.pool]
+        weight = jnp.broadcast_to(stock.weight, genes.order.shape)
+        items = Items((sizes[0].T, sizes[1].T, sizes[2].T), needed.T, mask.T, weight.T)
+        bins = Bins((rooms[0].T, rooms[1].T, rooms[2].T), limit.T)
+    placed = decode(surface, RULES["lowest"], items, bins, genes.order.T)
+    slot = placed.bin.T.astype(jnp.int32)
     bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
-    by_item = jnp.zeros_like(bin).at[lane, item].set(bin)
-    corner = jnp.zeros_like(sizes).at[lane, item].set(jnp.moveaxis(layout.corner, -1, 0))
-    return by_item, corner, cost_of(stock, by_item)
+    corner = jnp.stack(placed.corner, -1).astype(jnp.int32)
+    return bin, jnp.moveaxis(corner, 1, 0), cost_of(stock, bin)
 
 
 def cost_of(stock: Stock, bin: Array) -> Array:
@@ -94,9 +95,9 @@ AS_GIVEN, ANNEAL, BREED = range(3)
 """What a round does: it packs the lanes as they are, to know what they cost; or goes on."""
 
 
-@partial(jax.jit, static_argnames="rules")
+@partial(jax.jit, static_argnames="surface")
 def advance(
-    rules: ExactRules, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
+    surface: TopFaces, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
 ) -> Lanes:
     """So many rounds; when annealing the worst quarter of the lanes then go on from better ones.
 
@@ -115,7 +116,7 @@ def advance(
         proposals = [_as_given, _annealed, _bred]
         new, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
         genes = Genes(jnp.argsort(new.place).astype(jnp.int32), new.turn, new.pool)
-        bin, corner, cost = pack_lanes(rules, stock, genes)
+        bin, corner, cost = pack_lanes(surface, stock, genes)
         kept = cost <= lanes.cost + rises
         least = jnp.argmin(cost)
         tried = Best(

@@ -1,0 +1,302 @@
+"""The decoder: first fit, on any surface. Whatever chooses an order, this is what places it.
+
+An item goes into the first bin that has an allowed position for it. Bin by bin this needs one
+surface at a time: bin 0 reads the whole order and takes what fits when its turn comes, what it
+leaves goes to bin 1 in the same order, and so on. The placements are the same.
+
+A turn offers one item to one bin, in every batch member its own: none waits for another's bins.
+Items that are too heavy for what is left of a limit, or too large for the volume that is still
+free, are passed over without a turn, and so is what is like a refused item, or higher.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxpack.packing.rules import Rule
+from jaxpack.packing.surface import Surface, Triple
+from jaxpack.xla.programs import least, loops_are_whole
+
+MANY_ITEMS = 128
+"""From so many on, a turn less for what would be refused is worth looking for it."""
+
+TURNS = 4
+"""On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
+
+ROUNDING = 2.0**-22  # of one sum of volumes in float32, which are rounded
+
+
+class Items(NamedTuple):
+    """Items turned as they are to be packed, lengths of the surface's type, a trailing batch."""
+
+    size: Triple  # [N, B] each
+    needed: Array  # integer [N, B], area of the footprint that must lie at the resting height
+    waiting: Array  # bool [N, B], False for what is never packed
+    weight: Array | None = None  # int32 or int64 [N, B]; None: bins are all alike, without limit
+
+
+class Bins(NamedTuple):
+    """The bins, in the order in which they are filled."""
+
+    size: Triple  # [S, B] each; or [B]: all alike, as many as there are items
+    limit: Array | None = None  # [S, B], of the type of `Items.weight`; its largest: no limit
+
+
+class Placed(NamedTuple):
+    """Where every item went, by item, of the surface's types."""
+
+    bin: Array  # integer [N, B], -1 for what was not packed
+    corner: Triple  # [N, B] each
+
+
+class _Turn(NamedTuple):
+    """Between two turns. Ranks are places in the packing order, from 0; N is none."""
+
+    state: Any  # of the surface: the bin that is filled
+    room: Triple  # [B], its sides
+    slot: Array  # integer [B], which bin that is
+    began: Array  # bool [B], whether something lies in it
+    rank: Array  # integer [B], of the item that is offered next
+    item: tuple[Triple, Array]  # [B]: its sides, and the area that must carry it
+    left: "_Left | None"  # of bins that have limits
+    shut: Array  # bool [N, B] by item, what this bin would refuse; of few items one row of False
+    bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
+    corner: tuple[Array, ...]  # [N, B] each; of 2D along x and z
+
+
+class _Left(NamedTuple):
+    """What a bin can still take."""
+
+    weight: Array  # int32 or int64 [B]
+    volume: Array  # float32 [B]
+    items: Array  # int32 [B]
+
+
+def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
+    """Packs the items in their order, first fit, over the bins in theirs.
+
+    Args:
+        surface: what a bin looks like.
+        rule: which of the positions that are allowed an item takes.
+        items: by item.
+        bins: those of a batch member, in the order in which they are filled.
+        order: int32 [N, B], items in packing order; where those that do not wait stand in it is
+            immaterial.
+    """
+    if bins.limit is None:
+        return _decode(surface, rule, items, bins, order)
+    # Areas and weights of 64 bits are whole numbers here and nowhere else: all that touches them
+    # has to be traced like this. Every other type is written out.
+    with jax.enable_x64(True):
+        return _decode(surface, rule, items, bins, order)
+
+
+def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
+    N, batch = items.waiting.shape
+    S = N if bins.limit is None else len(bins.limit)
+    (length, width, height), dtype = items.size, surface.dtype
+    slots = _narrowest(("int8", "int16", "int32"), S)
+    # Up to twice N: what comes before the current item is offered to the next bin.
+    ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
+    fetched, rank_of = _by_rank(items, order, ranks)
+    many = N >= MANY_ITEMS or bins.limit is not None
+    stock = None if bins.limit is None else _Stock(items, bins, surface.most or N)
+
+    def turn(now: _Turn) -> _Turn:
+        size, needed = now.item
+        found = now.rank < N
+        candidates, state = surface.candidates(now.state, size, needed, now.room, found)
+        corner, fits = candidates.first(rule)
+        fits &= found
+        here = (rank_of == now.rank) & fits
+        bin = jnp.where(here, now.slot, now.bin)
+        kept = corner[::2] if surface.flat else corner
+        left, shut = now.left, now.shut
+        if many:
+            # What is like a refused item, or higher, is refused too until something comes in.
+            shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
+            shut &= ~fits
+        began = now.began | fits
+        if stock is None or left is None:
+            following = jnp.where((rank_of > now.rank) & ~shut, rank_of, rank_of + N)
+            following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
+            # A bin that took nothing is the end: what is left fits no bin.
+            opens = (following >= N) & began
+            rank = jnp.where(opens, following - N, jnp.minimum(following, N))
+            slot, room = now.slot + opens.astype(slots), now.room
+        else:
+            left = stock.without(left, now.rank, rank_of, fits)
+            ahead = (rank_of > now.rank) & ~shut
+            rank = stock.next(left, bin, rank_of, ahead)
+            opens = (rank == N) & (now.slot < S) & stock.some(bin)
+            slot = jnp.where(opens, stock.after(now.slot, began), now.slot).astype(slots)
+            fresh, room = stock.opened(slot)
+            left, room = jax.tree.map(
+                lambda new, old: jnp.where(opens, new, old), (fresh, room), (left, now.room)
+            )
+            rank = jnp.where(opens, stock.next(fresh, bin, rank_of, None), rank)
+        return _Turn(
+            state=surface.place(state, size, corner, fits, room, opens),
+            room=room,
+            slot=slot,
+            began=began & ~opens,
+            rank=rank,
+            # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
+            item=fetched(rank),
+            left=left,
+            shut=shut & ~opens,
+            bin=bin,
+            corner=tuple(
+                jnp.where(here, new, old) for new, old in zip(kept, now.corner, strict=True)
+            ),
+        )
+
+    def turns(now: _Turn) -> _Turn:
+        for _ in range(1 if jax.default_backend() == "cpu" else TURNS):
+            now = turn(now)  # of no effect once nothing is left
+        return now
+
+    def more(now: _Turn) -> Array:
+        if stock is None:
+            return (now.rank < N).any()
+        return (stock.some(now.bin) & (now.slot < S)).any()
+
+    bin = jnp.where(items.waiting, -1, -2).astype(slots)
+    slot = jnp.zeros(batch, slots)
+    if stock is None:
+        left, room = None, bins.size
+        rank = least(jnp.where(items.waiting, rank_of, ranks.type(N)), 1)
+    else:
+        left, room = stock.opened(slot)
+        rank = stock.next(left, bin, rank_of, None)
+    nothing = jnp.zeros((N, batch), dtype)
+    start = _Turn(
+        surface.empty(room), room, slot, jnp.zeros(batch, bool), rank, fetched(rank), left,
+        jnp.zeros((N if many else 1, batch), bool), bin, (nothing,) * (2 if surface.flat else 3),
+    )  # fmt: skip
+    done = jax.lax.while_loop(more, turns, start)
+    x, *y, z = done.corner
+    return Placed(jnp.maximum(done.bin, -1), (x, y[0] if y else nothing, z))
+
+
+class _Stock:
+    """Bins of several types, with limits on their weight, and what decides whether to offer."""
+
+    def __init__(self, items: Items, bins: Bins, most: int) -> None:
+        assert items.weight is not None
+        assert bins.limit is not None
+        self.weight, self.limit, self.sides, self.most = items.weight, bins.limit, bins.size, most
+        self.lane = jnp.arange(items.waiting.shape[1], dtype=jnp.int32)
+        self.volume = _volume(items.size)
+        rounding = np.float32(1 + len(items.waiting) * ROUNDING)
+        self.capacity = _volume(bins.size) * rounding
+        self.unlimited = np.iinfo(bins.limit.dtype).max
+        self.other = self._of_another_type()
+
+    def _of_another_type(self) -> Array:
+        """The next slot whose bin differs from that of each: int32 [S, B]."""
+        S, batch = self.limit.shape
+        columns = (*self.sides, self.limit)
+        changes = jnp.stack([column[1:] != column[:-1] for column in columns]).any(0)
+
+        def back(following: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+            change, index = row
+            following = jnp.where(change, index, following)
+            return following, following
+
+        rows = changes, jnp.arange(1, S, dtype=jnp.int32)
+        _, other = jax.lax.scan(back, jnp.full(batch, S, jnp.int32), rows, reverse=True)
+        return jnp.concatenate([other, jnp.full((1, batch), S, jnp.int32)])
+
+    def opened(self, slot: Array) -> tuple[_Left, Triple]:
+        """An empty bin: what it can take, nothing beyond the last one; and its sides."""
+        S = len(self.limit)
+        row, there = jnp.minimum(slot.astype(jnp.int32), S - 1), slot < S
+        x, y, z = (side[row, self.lane] for side in self.sides)
+        weight = jnp.where(there, self.limit[row, self.lane], -1)
+        volume = jnp.where(there, self.capacity[row, self.lane], np.float32(0))
+        return _Left(weight, volume, jnp.full(len(slot), self.most, jnp.int32)), (x, y, z)
+
+    def after(self, slot: Array, began: Array) -> Array:
+        """The next slot; after a bin that took nothing the next one of another type."""
+        row = jnp.minimum(slot.astype(jnp.int32), len(self.other) - 1)
+        return jnp.where(began, slot.astype(jnp.int32) + 1, self.other[row, self.lane])
+
+    def without(self, left: _Left, rank: Array, rank_of: Array, fits: Array) -> _Left:
+        """What is left once the item of that rank has come in."""
+        here = (rank_of == rank) & fits
+        weight = jnp.where(here, self.weight, 0).sum(0, dtype=self.weight.dtype)
+        volume = jnp.where(here, self.volume, np.float32(0)).sum(0)
+        return _Left(
+            left.weight - jnp.where(left.weight < self.unlimited, weight, 0),
+            left.volume - volume,
+            left.items - fits.astype(jnp.int32),
+        )
+
+    def next(self, left: _Left, bin: Array, rank_of: Array, ahead: Array | None) -> Array:
+        """The lowest rank of what waits and may fit, of those `ahead`; N if there is none."""
+        may = (bin == -1) & (self.weight <= left.weight) & (self.volume <= left.volume)
+        may &= left.items > 0
+        none = rank_of.dtype.type(len(bin))
+        return least(jnp.where(may if ahead is None else may & ahead, rank_of, none), 1)
+
+    def some(self, bin: Array) -> Array:
+        """Whether anything waits: bool [B]."""
+        return least((bin != -1).astype(jnp.int8), 1) == 0
+
+
+def _volume(sides: Triple) -> Array:
+    length, width, height = (side.astype(jnp.float32) for side in sides)
+    return length * width * height
+
+
+def _by_rank(items: Items, order: Array, dtype: np.dtype) -> tuple[Any, Array]:
+    """(rank [B] -> the sides and needed area of the item there; rank of every item [N, B])."""
+    N, batch = order.shape
+    lane = jnp.arange(batch, dtype=jnp.int32)
+    columns = [*items.size, items.needed]
+    one_type = len({column.dtype for column in columns}) == 1
+    tables = [jnp.stack(columns, -1)] if one_type else [jnp.stack(columns[:3], -1), items.needed]
+    as_word = one_type and columns[0].dtype.itemsize == 1
+    if as_word:  # XLA gathers one element after the other
+        tables = [jax.lax.bitcast_convert_type(tables[0], jnp.int32)]
+    ranked, rank_of = _sorted(tables, order, dtype)
+
+    def fetched(rank: Array) -> tuple[Triple, Array]:
+        row = jnp.minimum(rank, N - 1).astype(jnp.int32)
+        rows = [table.at[row, lane].get(mode="promise_in_bounds") for table in ranked]
+        if as_word:
+            rows = [jax.lax.bitcast_convert_type(rows[0], columns[0].dtype)]
+        length, width, height, *needed = jnp.unstack(rows[0], axis=-1)
+        return (length, width, height), needed[0] if needed else rows[1]
+
+    return fetched, rank_of
+
+
+def _sorted(tables: list[Array], order: Array, dtype: np.dtype) -> tuple[list[Array], Array]:
+    """(the tables [N, B, ...] in packing order, rank of every item [N, B])."""
+    N, batch = order.shape
+    lane = jnp.arange(batch, dtype=jnp.int32)
+    number = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
+    if not loops_are_whole():
+        rank_of = jnp.zeros_like(number).at[order, lane].set(number, unique_indices=True)
+        return [table.at[order, lane].get(mode="promise_in_bounds") for table in tables], rank_of
+
+    # Comparing a whole column costs less than writing one number to where it belongs.
+    def place(rank: Array, found: tuple[list[Array], Array]) -> tuple[list[Array], Array]:
+        rows = [table.at[order[rank], lane].get(mode="promise_in_bounds") for table in tables]
+        here = number == order[rank].astype(dtype)
+        done = [table.at[rank].set(row) for table, row in zip(found[0], rows, strict=True)]
+        return done, jnp.where(here, rank.astype(dtype), found[1])
+
+    nothing = [jnp.zeros_like(table) for table in tables], jnp.zeros((N, batch), dtype)
+    done: tuple[list[Array], Array] = jax.lax.fori_loop(jnp.int32(0), N, place, nothing)
+    return done
+
+
+def _narrowest(names: tuple[str, ...], largest: int) -> np.dtype:
+    """The first of these integer types that holds `largest`, its maximum kept free."""
+    return np.dtype(next(name for name in names if np.iinfo(name).max > largest))
