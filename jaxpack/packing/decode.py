@@ -60,19 +60,28 @@ class _Turn(NamedTuple):
     slot: Array  # integer [B], which bin that is
     began: Array  # bool [B], whether something lies in it
     rank: Array  # integer [B], of the item that is offered next
-    item: tuple[Triple, Array]  # [B]: its sides, and the area that must carry it
+    item: "_Item"
     left: "_Left | None"  # of bins that have limits
     shut: Array  # bool [N, B] by item, what this bin would refuse; of few items one row of False
     bin: Array  # integer [N, B] by item, -1 while waiting, -2 for what is never packed
     corner: tuple[Array, ...]  # [N, B] each; of 2D along x and z
 
 
+class _Item(NamedTuple):
+    """What is offered: [B]."""
+
+    size: Triple
+    needed: Array
+    weight: Array | None  # where bins have limits
+
+
 class _Left(NamedTuple):
-    """What a bin can still take."""
+    """What a bin can still take, where bins have limits."""
 
     weight: Array  # int32 or int64 [B]
     volume: Array  # float32 [B]
     items: Array  # int32 [B]
+    waiting: Array  # int32 [B], items that are not packed, whatever the bin
 
 
 def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
@@ -103,10 +112,10 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
     ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
     fetched, rank_of = _by_rank(items, order, ranks)
     many = N >= MANY_ITEMS or bins.limit is not None
-    stock = None if bins.limit is None else _Stock(items, bins, surface.most or N)
+    stock = None if bins.limit is None else _Stock(items, bins, surface.most or N, rank_of)
 
     def turn(now: _Turn) -> _Turn:
-        size, needed = now.item
+        size, needed, weight = now.item
         found = now.rank < N
         candidates, state = surface.candidates(now.state, size, needed, now.room, found)
         corner, fits = candidates.first(rule)
@@ -114,34 +123,31 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
         kept = corner[::2] if surface.flat else corner
-        left, shut = now.left, now.shut
+        left, room, shut = now.left, now.room, now.shut
         if many:
             # What is like a refused item, or higher, is refused too until something comes in.
             shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
             shut &= ~fits
-        began = now.began | fits
-        if stock is None or left is None:
-            following = jnp.where((rank_of > now.rank) & ~shut, rank_of, rank_of + N)
+        began, ahead = now.began | fits, (rank_of > now.rank) & ~shut
+        if stock is None or left is None or weight is None:
+            following = jnp.where(ahead, rank_of, rank_of + N)
             following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
             # A bin that took nothing is the end: what is left fits no bin.
-            opens = (following >= N) & began
-            rank = jnp.where(opens, following - N, jnp.minimum(following, N))
-            slot, room = now.slot + opens.astype(slots), now.room
+            opens, slot = (following >= N) & began, now.slot + 1
         else:
-            left = stock.without(left, now.rank, rank_of, fits)
-            ahead = (rank_of > now.rank) & ~shut
-            rank = stock.next(left, bin, rank_of, ahead)
-            opens = (rank == N) & (now.slot < S) & stock.some(bin)
-            slot = jnp.where(opens, stock.after(now.slot, began), now.slot).astype(slots)
-            fresh, room = stock.opened(slot)
+            left = stock.without(left, size, weight, fits)
+            slot = stock.after(now.slot, began)
+            fresh, other = stock.opened(slot, left.waiting)
+            following = stock.following(bin, ahead, left, fresh)
+            opens = (following >= N) & (left.waiting > 0) & (now.slot < S)
             left, room = jax.tree.map(
-                lambda new, old: jnp.where(opens, new, old), (fresh, room), (left, now.room)
+                lambda new, old: jnp.where(opens, new, old), (fresh, other), (left, room)
             )
-            rank = jnp.where(opens, stock.next(fresh, bin, rank_of, None), rank)
+        rank = jnp.where(opens, following - N, jnp.minimum(following, N)).astype(ranks)
         return _Turn(
             state=surface.place(state, size, corner, fits, room, opens),
             room=room,
-            slot=slot,
+            slot=jnp.where(opens, slot, now.slot).astype(slots),
             began=began & ~opens,
             rank=rank,
             # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
@@ -160,9 +166,9 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         return now
 
     def more(now: _Turn) -> Array:
-        if stock is None:
+        if now.left is None:
             return (now.rank < N).any()
-        return (stock.some(now.bin) & (now.slot < S)).any()
+        return ((now.left.waiting > 0) & (now.slot < S)).any()
 
     bin = jnp.where(items.waiting, -1, -2).astype(slots)
     slot = jnp.zeros(batch, slots)
@@ -170,11 +176,12 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         left, room = None, bins.size
         rank = least(jnp.where(items.waiting, rank_of, ranks.type(N)), 1)
     else:
-        left, room = stock.opened(slot)
-        rank = stock.next(left, bin, rank_of, None)
+        left, room = stock.opened(slot, items.waiting.sum(0, dtype=jnp.int32))
+        rank = stock.following(bin, jnp.zeros_like(items.waiting), left, left) - N
     nothing = jnp.zeros((N, batch), dtype)
     start = _Turn(
-        surface.empty(room), room, slot, jnp.zeros(batch, bool), rank, fetched(rank), left,
+        surface.empty(room), room, slot, jnp.zeros(batch, bool), rank.astype(ranks),
+        fetched(rank.astype(ranks)), left,
         jnp.zeros((N if many else 1, batch), bool), bin, (nothing,) * (2 if surface.flat else 3),
     )  # fmt: skip
     done = jax.lax.while_loop(more, turns, start)
@@ -185,14 +192,14 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
 class _Stock:
     """Bins of several types, with limits on their weight, and what decides whether to offer."""
 
-    def __init__(self, items: Items, bins: Bins, most: int) -> None:
+    def __init__(self, items: Items, bins: Bins, most: int, rank_of: Array) -> None:
         assert items.weight is not None
         assert bins.limit is not None
-        self.weight, self.limit, self.sides, self.most = items.weight, bins.limit, bins.size, most
+        self.weight, self.limit, self.sides = items.weight, bins.limit, bins.size
+        self.most, self.rank_of = most, rank_of
         self.lane = jnp.arange(items.waiting.shape[1], dtype=jnp.int32)
         self.volume = _volume(items.size)
-        rounding = np.float32(1 + len(items.waiting) * ROUNDING)
-        self.capacity = _volume(bins.size) * rounding
+        self.capacity = _volume(bins.size) * np.float32(1 + len(items.waiting) * ROUNDING)
         self.unlimited = np.iinfo(bins.limit.dtype).max
         self.other = self._of_another_type()
 
@@ -211,41 +218,45 @@ class _Stock:
         _, other = jax.lax.scan(back, jnp.full(batch, S, jnp.int32), rows, reverse=True)
         return jnp.concatenate([other, jnp.full((1, batch), S, jnp.int32)])
 
-    def opened(self, slot: Array) -> tuple[_Left, Triple]:
+    def opened(self, slot: Array, waiting: Array) -> tuple[_Left, Triple]:
         """An empty bin: what it can take, nothing beyond the last one; and its sides."""
         S = len(self.limit)
         row, there = jnp.minimum(slot.astype(jnp.int32), S - 1), slot < S
         x, y, z = (side[row, self.lane] for side in self.sides)
         weight = jnp.where(there, self.limit[row, self.lane], -1)
         volume = jnp.where(there, self.capacity[row, self.lane], np.float32(0))
-        return _Left(weight, volume, jnp.full(len(slot), self.most, jnp.int32)), (x, y, z)
+        most = jnp.full(len(slot), self.most, jnp.int32)
+        return _Left(weight, volume, most, waiting), (x, y, z)
 
     def after(self, slot: Array, began: Array) -> Array:
         """The next slot; after a bin that took nothing the next one of another type."""
         row = jnp.minimum(slot.astype(jnp.int32), len(self.other) - 1)
         return jnp.where(began, slot.astype(jnp.int32) + 1, self.other[row, self.lane])
 
-    def without(self, left: _Left, rank: Array, rank_of: Array, fits: Array) -> _Left:
-        """What is left once the item of that rank has come in."""
-        here = (rank_of == rank) & fits
-        weight = jnp.where(here, self.weight, 0).sum(0, dtype=self.weight.dtype)
-        volume = jnp.where(here, self.volume, np.float32(0)).sum(0)
+    def without(self, left: _Left, size: Triple, weight: Array, fits: Array) -> _Left:
+        """What is left once an item has come in where it fits."""
+        limited = left.weight < self.unlimited
+        came = fits.astype(jnp.int32)
         return _Left(
-            left.weight - jnp.where(left.weight < self.unlimited, weight, 0),
-            left.volume - volume,
-            left.items - fits.astype(jnp.int32),
+            left.weight - jnp.where(fits & limited, weight, 0),
+            left.volume - jnp.where(fits, _volume(size), np.float32(0)),
+            left.items - came,
+            left.waiting - came,
         )
 
-    def next(self, left: _Left, bin: Array, rank_of: Array, ahead: Array | None) -> Array:
-        """The lowest rank of what waits and may fit, of those `ahead`; N if there is none."""
-        may = (bin == -1) & (self.weight <= left.weight) & (self.volume <= left.volume)
-        may &= left.items > 0
-        none = rank_of.dtype.type(len(bin))
-        return least(jnp.where(may if ahead is None else may & ahead, rank_of, none), 1)
+    def following(self, bin: Array, ahead: Array, left: _Left, fresh: _Left) -> Array:
+        """The lowest rank of what waits and may fit: `ahead` into this bin, or else, N higher, into
+        a fresh one; 2 N if there is neither.
+        """
+        N = self.rank_of.dtype.type(len(bin))
 
-    def some(self, bin: Array) -> Array:
-        """Whether anything waits: bool [B]."""
-        return least((bin != -1).astype(jnp.int8), 1) == 0
+        def may(bins: _Left) -> Array:
+            light = (self.weight <= bins.weight) & (self.volume <= bins.volume)
+            return light & (bins.items > 0)
+
+        rank = jnp.where(may(fresh), self.rank_of + N, N + N)
+        rank = jnp.where(ahead & may(left), self.rank_of, rank)
+        return least(jnp.where(bin == -1, rank, N + N), 1)
 
 
 def _volume(sides: Triple) -> Array:
@@ -254,24 +265,25 @@ def _volume(sides: Triple) -> Array:
 
 
 def _by_rank(items: Items, order: Array, dtype: np.dtype) -> tuple[Any, Array]:
-    """(rank [B] -> the sides and needed area of the item there; rank of every item [N, B])."""
+    """(rank [B] -> the item that has it, rank of every item [N, B])."""
     N, batch = order.shape
     lane = jnp.arange(batch, dtype=jnp.int32)
     columns = [*items.size, items.needed]
-    one_type = len({column.dtype for column in columns}) == 1
-    tables = [jnp.stack(columns, -1)] if one_type else [jnp.stack(columns[:3], -1), items.needed]
-    as_word = one_type and columns[0].dtype.itemsize == 1
+    as_word = all(column.dtype.itemsize == 1 for column in columns)
+    tables = [jnp.stack(columns, -1)] if as_word else [jnp.stack(items.size, -1), items.needed]
     if as_word:  # XLA gathers one element after the other
         tables = [jax.lax.bitcast_convert_type(tables[0], jnp.int32)]
+    if items.weight is not None:
+        tables.append(items.weight)
     ranked, rank_of = _sorted(tables, order, dtype)
 
-    def fetched(rank: Array) -> tuple[Triple, Array]:
+    def fetched(rank: Array) -> _Item:
         row = jnp.minimum(rank, N - 1).astype(jnp.int32)
-        rows = [table.at[row, lane].get(mode="promise_in_bounds") for table in ranked]
+        sides, *rest = (table.at[row, lane].get(mode="promise_in_bounds") for table in ranked)
         if as_word:
-            rows = [jax.lax.bitcast_convert_type(rows[0], columns[0].dtype)]
-        length, width, height, *needed = jnp.unstack(rows[0], axis=-1)
-        return (length, width, height), needed[0] if needed else rows[1]
+            sides = jax.lax.bitcast_convert_type(sides, columns[0].dtype)
+        length, width, height, *more = (*jnp.unstack(sides, axis=-1), *rest)
+        return _Item((length, width, height), more[0], more[1] if len(more) > 1 else None)
 
     return fetched, rank_of
 

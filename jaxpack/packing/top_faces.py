@@ -23,11 +23,11 @@ from jax import Array
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
 from jaxpack.packing.tiles import AT_ONCE, TILE, Tiles, highest, indices, row_at
-from jaxpack.xla.programs import least, total
+from jaxpack.xla.programs import least
 
 SHORT = 2**14 - 2
 """Units a side, of which sums fit int16."""
-FACES = 16  # looked at together
+FACES = 4  # looked at together
 
 
 class Faces(NamedTuple):
@@ -162,37 +162,25 @@ class Corners(NamedTuple):
     wanted: Array  # bool [B]
 
     def first(self, rule: Rule) -> tuple[Triple, Array]:
-        """The first position in the rule's sequence that is carried."""
+        """The position that the rule prefers; the corner means nothing where there is none."""
         kinds = jax.eval_shape(lambda: self._keys(rule, jnp.int32(0))[0])
-        nothing = [
-            jnp.full(key.shape[-1:], _largest(key.dtype), key.dtype) for key in kinds
-        ]  # as the keys of no position
+        nothing = [jnp.full(key.shape[-1:], _largest(key.dtype), key.dtype) for key in kinds]
 
-        def attempt(now: tuple) -> tuple:
-            open_, tried, last, chosen = now
+        def look(n: Array, best: list[Array]) -> list[Array]:
+            keys, inside = self._keys(rule, n)
+            hopeful = inside & self.wanted & (keys[0] <= best[0])
 
-            def look(n: Array, best: list[Array]) -> list[Array]:
-                keys, allowed = self._keys(rule, n)
-                allowed &= ~tried | before(last, keys)
-                flat = [key.reshape(-1, key.shape[-1]) for key in keys]
-                found = least_first(
-                    flat, allowed.reshape(-1, allowed.shape[-1]), lambda key: least(key, 1)
-                )
+            def first_of_tile() -> list[Array]:
+                allowed = hopeful & self._carried(n)
+                rows = [key.reshape(-1, key.shape[-1]) for key in keys]
+                mask = allowed.reshape(-1, allowed.shape[-1])
+                found = least_first(rows, mask, lambda key: least(key, 1))
                 wins = before(found, best)
                 return [jnp.where(wins, one, other) for one, other in zip(found, best, strict=True)]
 
-            found = jax.lax.fori_loop(0, self.tiles.number, look, nothing)
-            y, x, z = found[-3:]
-            there = x < np.iinfo(x.dtype).max
-            takes = open_ & there & self._carried((x, y, z))
-            chosen = tuple(
-                jnp.where(takes, new, old) for new, old in zip((x, y, z), chosen, strict=True)
-            )
-            return open_ & there & ~takes, tried | True, found, chosen
+            return jax.lax.cond(hopeful.any(), first_of_tile, lambda: best)
 
-        nowhere = tuple(jnp.full_like(side, np.iinfo(side.dtype).max) for side in self.size)
-        start = (self.wanted, jnp.bool_(False), nothing, nowhere)
-        *_, (x, y, z) = jax.lax.while_loop(lambda now: now[0].any(), attempt, start)
+        y, x, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)[-3:]
         return (x, y, z), z < np.iinfo(z.dtype).max
 
     def _keys(self, rule: Rule, n: Array) -> tuple[list[Array], Array]:
@@ -210,24 +198,29 @@ class Corners(NamedTuple):
         keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), y, x, z)]
         return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
 
-    def _carried(self, corner: Triple) -> Array:
-        """Whether enough of an item would lie on faces at its resting height: bool [B]."""
-        x, y, z = corner
+    def _carried(self, n: Array) -> Array:
+        """Whether enough of an item lies on faces at its resting height, of a tile."""
+        x, y = self.tiles.x(self.state.x, n), self.tiles.y(self.state.y, n)
+        z = self.tiles.cells(self.z, n)
         far_x, far_y = x + self.size[0], y + self.size[1]
+        area_type = self.needed.dtype
 
-        def some(n: Array, area: Array) -> Array:
-            row = (n * FACES, jnp.int32(0))
+        def some(part: Array, area: Array) -> Array:
+            row = (part * FACES, jnp.int32(0))
             near_x, end_x, near_y, end_y, _, top = (
-                jax.lax.dynamic_slice(column, row, (FACES, len(x))) for column in self.state.boxes
+                jax.lax.dynamic_slice(column, row, (FACES, self.tiles.batch))
+                for column in self.state.boxes
             )
-            level = (top == z) & (n * FACES + indices(top) < self.state.used)
-            over_x = jnp.maximum(jnp.minimum(far_x, end_x) - jnp.maximum(x, near_x), 0)
-            over_y = jnp.maximum(jnp.minimum(far_y, end_y) - jnp.maximum(y, near_y), 0)
-            shared = over_x.astype(area.dtype) * over_y.astype(area.dtype)
-            return area + total(jnp.where(level, shared, 0).astype(area.dtype), 1)
+            for face in range(FACES):
+                on_x = jnp.minimum(far_x, end_x[face]) - jnp.maximum(x, near_x[face])
+                on_y = jnp.minimum(far_y, end_y[face]) - jnp.maximum(y, near_y[face])
+                on_y = jnp.where(part * FACES + face < self.state.used, on_y, 0)
+                on_x, on_y = (jnp.maximum(side, 0).astype(area_type) for side in (on_x, on_y))
+                area += jnp.where(top[face] == z, on_x[:, None] * on_y[None], 0).astype(area_type)
+            return area
 
         count = (self.state.used.max() + (FACES - 1)) // FACES
-        area = jax.lax.fori_loop(0, count, some, jnp.zeros_like(self.needed))
+        area = jax.lax.fori_loop(0, count, some, jnp.zeros(z.shape, area_type))
         return (z == 0) | (area >= self.needed)
 
     def _contact(self, x: Array, y: Array, z: Array) -> Array:
