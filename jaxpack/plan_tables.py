@@ -10,9 +10,8 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from jaxpack.model.bounds import gap
-from jaxpack.model.figures import minimised, plan_figures
 from jaxpack.model.job import BinType, Job
+from jaxpack.model.objectives import gap, objective_of
 from jaxpack.search.portfolio import Progress
 from jaxpack.solution import Solution
 
@@ -39,7 +38,7 @@ def live_figures(job: Job, found: Progress) -> str:
     if found.plan.left_out:  # the bound may be that of a larger load
         parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
     else:
-        above = gap(job, plan_figures(job, found.plan), found.bounds)
+        above = gap(job, found.plan, found.bounds)
         parts.append("gap unknown" if above is None else f"gap {_percent(above)}")
     return ", ".join(parts)
 
@@ -60,7 +59,7 @@ def figures_of_one(found: Solution) -> dict[str, str]:
         counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
     if len(job.bins) > 1:
-        rows["minimised"] = minimised(job)
+        rows["minimised"] = objective_of(job).minimised
     if found.unpacked:
         rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
     if job.rounded:

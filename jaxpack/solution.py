@@ -14,10 +14,11 @@ from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.io.notes import Say, silent
 from jaxpack.io.plans import write_plan_json
 from jaxpack.io.steps import write_steps
-from jaxpack.model.bounds import Bounds, gap
+from jaxpack.model.bounds import Bounds
 from jaxpack.model.figures import PlanFigures, plan_figures
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
+from jaxpack.model.objectives import gap
 from jaxpack.model.units import fine_enough
 from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
 
@@ -60,7 +61,7 @@ class Solution:
 
         Of what is minimised: the cost where bins have one, otherwise their number.
         """
-        return gap(self.job, self.figures, self.bounds)
+        return gap(self.job, self.plan, self.bounds)
 
     @property
     def unpacked(self) -> int:

@@ -13,7 +13,7 @@ PLENTY = 99
 def optimum(job):
     """What all items that fit some bin need: (bins, cost, worth), each the least on its own.
 
-    `worth` is the least of (cost if priced, else 0, bins, volume of the bins). None where there
+    `worth` is the least of (cost if priced, bins, volume of the bins). None where there
     are too few bins.
     """
     ways = [[_ways(item, kind) for item in job.items] for kind in job.bins]
@@ -29,13 +29,13 @@ def optimum(job):
     @cache
     def best(rest, stock):
         if not rest:
-            return 0, 0, (0, 0, 0)
+            return 0, 0, (0,) * (2 + job.priced)
         first, found = rest & -rest, []
         for kind, some in enumerate(loads):
             if not stock[kind]:
                 continue
             left = tuple(n - (k == kind and n < PLENTY) for k, n in enumerate(stock))
-            worth = (prices[kind] if job.priced else 0, 1, rooms[kind])
+            worth = (prices[kind],) * job.priced + (1, rooms[kind])
             for load in some:
                 if load & first and load & rest == load and (after := best(rest & ~load, left)):
                     more = tuple(map(sum, zip(after[2], worth, strict=True)))

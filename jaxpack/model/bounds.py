@@ -13,19 +13,15 @@ from fractions import Fraction
 import numpy as np
 
 from jaxpack.model.cover import Need, least
-from jaxpack.model.exact import exact
-from jaxpack.model.figures import PlanFigures, plan_worth, volume
+from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import UNLIMITED, Goods, goods_of
-from jaxpack.model.job import Job, Plan
+from jaxpack.model.job import Job
 from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
 from jaxpack.model.scales import scaled_needs
 
 WORK = 2**23  # products of lengths in scales, about: a tenth of a second
 LONGEST = 2**16  # units of a side of which it is found out what the items come to
 LIGHT = 40  # bits of a weight
-
-
-Worth = tuple[int, Fraction, int, Fraction]
 
 
 @dataclass(frozen=True)
@@ -35,62 +31,38 @@ class Bounds:
     bins: int
     cost: float  # see `figures.total_cost`: bins without a cost count with their volume
     unfit: int  # copies of items that no bin can hold: they are left out of every plan
-    worth: Worth  # no plan has a smaller `figures.plan_worth`
-
-    def reached_by(self, job: Job, plan: Plan) -> bool:
-        """Whether no plan is better, in anything that is minimised."""
-        return plan_worth(job, plan) <= self.worth
+    worth: tuple[Fraction | int, ...]  # no plan has a smaller `Objective.worth`
+    best: float  # nor a better `Objective.measure`
 
 
-def bounds(job: Job, seconds: float | None = None) -> Bounds:
+def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -> Bounds:
     """Bounds of a job, in work that hardly grows with it: a fraction of a second, under 200 MB.
 
     Where there are not as many bins as are needed, no plan is what the bounds are for; what they
     are then means nothing.
 
     Args:
+        parts: what of the bins is minimised, the most important first: see `figures.parts_of`.
         job: items and bins.
         seconds: after which no more bounds are tried: the first few are had in any case.
     """
     begun = time.monotonic()
     goods = goods_of(job)
     if not len(goods.copies):
-        return Bounds(0, 0.0, goods.unfit, (goods.unfit, Fraction(0), 0, Fraction(0)))
-    costs = [exact(kind.price) for kind in goods.kinds]
-    volumes = [volume(kind.size) for kind in goods.kinds]
+        return Bounds(0, 0.0, goods.unfit, (goods.unfit, *(0 for _ in parts)), 0.0)
+    each = [parts_of(kind) for kind in goods.kinds]
+    costs, ones = ([kind[part] for kind in each] for part in ("cost", "bins"))
     needs = []
     for need in _needs(goods, np.array([float(cost) for cost in costs])):
         needs.append(need)
         if seconds is not None and time.monotonic() - begun > seconds:
             break
     copies = [math.inf if kind.copies is None else kind.copies for kind in goods.kinds]
-    ones = [Fraction(1)] * len(costs)
     (bins,) = _least([ones], copies, needs)
     needs.append(Need(int(bins), (1,) * len(costs)))
-    if job.priced:
-        cost, number, room = _least([costs, ones, volumes], copies, needs)
-        worth = (goods.unfit, cost, int(number), room)
-    else:
-        (cost,) = _least([costs], copies, needs)
-        number, room = _least([ones, volumes], copies, needs)
-        worth = (goods.unfit, Fraction(0), int(number), room)
-    return Bounds(int(bins), float(cost), goods.unfit, worth)
-
-
-def gap(job: Job, figures: PlanFigures, bounds: Bounds) -> float | None:
-    """How far a plan is above the least that is possible, at most: 0.05 is 5 %.
-
-    Of the cost if the job is priced, of the bins otherwise. Infinite where that may be nothing;
-    None where items that fit are left out, as the bounds are for all of them.
-    """
-    if figures.left_out > bounds.unfit:
-        return None
-    found, least = float(figures.bins), float(bounds.bins)
-    if job.priced:
-        found, least = figures.cost, bounds.cost
-    if found <= least:
-        return 0.0
-    return found / least - 1 if least else math.inf
+    sums = _least([[kind[part] for kind in each] for part in parts], copies, needs)
+    cost = sums[0] if parts[0] == "cost" else _least([costs], copies, needs)[0]
+    return Bounds(int(bins), float(cost), goods.unfit, (goods.unfit, *sums), float(sums[0]))
 
 
 def volume_bound(job: Job) -> int:

@@ -11,6 +11,7 @@ from jaxpack.errors import UserError
 from jaxpack.model.exact import exact
 from jaxpack.model.hints import scale_hint, unfit_hint
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
+from jaxpack.model.objectives import objective_of
 from jaxpack.model.units import Units, in_units, units_of
 
 NARROW = 46_340  # units a side, of which areas fit int32
@@ -314,19 +315,18 @@ def _weights(job: Job, units: Units) -> tuple[np.ndarray, np.ndarray]:
 def _prices(job: Job, items: np.ndarray) -> np.ndarray:
     """Of every bin type, float64: what is minimised first, 1 on average, and a little of the rest.
 
-    With costs: the cost, then the number of bins, then their volume. Without: the number of bins,
-    then their volume. What comes later counts less than a bin in all.
+    What comes later, see `Objective.parts`, counts less than a bin in all.
     """
     volume = np.asarray([math.prod(kind.size) for kind in job.bins])
     load = sum(math.prod(job.items[n].size) for n in items.tolist())
     few = max(1.0, load / volume.max())
     little = 0.2 / few
-    ties = little * (volume / volume.max())
-    if not job.priced:
-        return 1 + ties
     cost = np.asarray([kind.price for kind in job.bins])
-    scale = cost[cost > 0].min() if (cost > 0).any() else 1.0
-    prices: np.ndarray = cost / scale + little + ties
+    each = {"cost": cost, "bins": np.ones(len(cost)), "volume": volume}
+    first, *later = (each[part] for part in objective_of(job).parts)
+    prices: np.ndarray = first / min(first[first > 0], default=1.0)
+    for part in later:
+        prices = prices + little * (part / max(part.max(), 1e-300))
     return prices
 
 

@@ -1,4 +1,4 @@
-"""What a plan amounts to: bins, fill, weight, cost."""
+"""What a plan amounts to: bins, fill, weight, cost, exactly."""
 
 import math
 from collections import Counter
@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from jaxpack.model.exact import exact, whole
-from jaxpack.model.job import Job, PackedBin, Plan, Sides
+from jaxpack.model.job import BinType, Job, PackedBin, Plan, Sides
 
 
 @dataclass(frozen=True)
@@ -42,38 +42,24 @@ def fill(job: Job, packed: PackedBin) -> float:
 
 def total_cost(job: Job, plan: Plan) -> float:
     """What the used bins cost together; those without a cost their volume."""
-    return float(_cost(job, plan))
+    return float(bins_worth(("cost",), job, plan)[1])
 
 
-def plan_worth(job: Job, plan: Plan) -> tuple[int, Fraction, int, Fraction]:
-    """What is minimised, the most important first: of two plans the smaller is the better.
-
-    Returns:
-        Copies left out, cost (0 unless the job is priced), bins, volume of the bins.
-    """
-    room = sum(
-        (volume(job.bins[kind].size) * copies for kind, copies in _used(plan).items()),
-        Fraction(0),
-    )
-    cost = _cost(job, plan) if job.priced else Fraction(0)
-    return len(plan.left_out), cost, len(plan.bins), room
+def parts_of(kind: BinType) -> dict[str, Fraction]:
+    """What can count of a bin that is used."""
+    return {"cost": exact(kind.price), "bins": Fraction(1), "volume": volume(kind.size)}
 
 
-def minimised(job: Job) -> str:
-    """What is minimised, once all items that fit are packed, in words."""
-    if job.priced:
-        return "least cost, then the fewest bins, then the least volume of bins"
-    return "fewest bins, then the least volume of bins"
+def bins_worth(parts: tuple[str, ...], job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
+    """Copies left out, then what the used bins come to in each of the parts of `parts_of`."""
+    used = [(parts_of(job.bins[kind]), copies) for kind, copies in _used(plan).items()]
+    sums = (sum((each[part] * n for each, n in used), Fraction(0)) for part in parts)
+    return len(plan.left_out), *sums
 
 
 def _used(plan: Plan) -> Counter[int]:
     """How many bins of each kind."""
     return Counter(packed.bin for packed in plan.bins)
-
-
-def _cost(job: Job, plan: Plan) -> Fraction:
-    used = _used(plan).items()
-    return sum((exact(job.bins[kind].price) * copies for kind, copies in used), Fraction(0))
 
 
 def _share(job: Job, items: Mapping[int, int], bins: Mapping[int, int]) -> float:

@@ -96,6 +96,8 @@ class Job:
     bins: tuple[BinType, ...]
     dimension: int = 3  # 2 or 3
     name: str = ""
+    objective: str = ""
+    """A key of `OBJECTIVES`; not given, it is price if one of the bins has a cost, else bins."""
     rounded: float | None = field(default=None, init=False, compare=False)
     """The length that finer sizes were cut off to, None if all are exact."""
 
@@ -154,10 +156,7 @@ class Job:
 
     @property
     def priced(self) -> bool:
-        """Whether the least cost is wanted; otherwise it is the fewest bins.
-
-        It is as soon as one of the bins has a cost: those without cost their volume.
-        """
+        """Whether one of the bins has a cost: those without cost their volume."""
         return any(kind.cost is not None for kind in self.bins)
 
 

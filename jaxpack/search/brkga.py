@@ -16,7 +16,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from jaxpack.errors import UserError
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.first_fit import pack
 from jaxpack.search.heuristics import decode_keys

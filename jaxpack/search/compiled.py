@@ -25,6 +25,8 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
+from jaxpack.model.objectives import Cost, objective_of
+from jaxpack.model.objectives.bins import bins_cost
 from jaxpack.packing.first_fit_exact import STAGES, ExactRules
 from jaxpack.search.local_search import (
     ANNEAL,
@@ -85,6 +87,7 @@ def search(
     """
     end = perf_counter() + seconds
     rules, stock = encode(loading)
+    objective = objective_of(loading.job).cost
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many)
     if first:
@@ -92,7 +95,8 @@ def search(
         genes = jax.tree.map(
             lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
         )
-    lanes = dispatch(rules, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
+    start = fresh_lanes(jax.random.key(seed), to_device(genes))
+    lanes = dispatch(rules, stock, start, objective=objective)
     yield lanes.best, many
     drawn, guests = None, list[Genes]()
     with ThreadPoolExecutor() as threads:
@@ -110,7 +114,9 @@ def search(
             heat = HEAT * ((end - now) / seconds) ** 2
             how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
             visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
-            some = partial(dispatch, rules, stock, how=how, rounds=rounds, heat=heat)
+            some = partial(
+                dispatch, rules, stock, how=how, rounds=rounds, heat=heat, objective=objective
+            )
             done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
                                     zip(mine, visits, strict=True)))  # fmt: skip
             tried = many * (rounds * len(done) + (visits[-1] is not None))
@@ -139,12 +145,14 @@ def dispatch(
     rounds: int = 1,
     heat: float = 0.0,
     guests: Genes | None = None,
+    objective: Cost = bins_cost,
 ) -> Lanes:
     """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
     if guests:
-        lanes = join(lanes, dispatch(rules, stock, fresh_lanes(lanes.key, guests)))
+        new = dispatch(rules, stock, fresh_lanes(lanes.key, guests), objective=objective)
+        lanes = join(lanes, new)
     numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-    return jax.block_until_ready(advance(rules, stock, lanes, *numbers))
+    return jax.block_until_ready(advance(rules, stock, lanes, *numbers, objective))
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:

@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.model.encoding import Genes, Stock
+from jaxpack.model.objectives import Cost, Placed
+from jaxpack.model.objectives.bins import bins_cost
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
-from jaxpack.search.quick import WEIGHT_OF_FILL
 
 ELITE, MUTANTS, BIAS = 0.2, 0.14, 0.7  # as in `solvers.brkga`
 
@@ -50,10 +51,12 @@ def fresh_lanes(key: Array, genes: Genes) -> Lanes:
     return Lanes(key, genes, nothing, jnp.full(P, jnp.inf, jnp.float32), best)
 
 
-def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
+def pack_lanes(
+    rules: ExactRules, stock: Stock, genes: Genes, cost: Cost = bins_cost
+) -> tuple[Array, Array, Array]:
     """(bin int32 [P, N], corner int32 [P, N, 3], cost float32 [P]); the rows are the stock's.
 
-    The bin is an index of `Stock.bins`.
+    The bin is an index of `Stock.bins`, the cost an objective's.
     """
     lane = jnp.arange(genes.order.shape[0])[:, None]
     item, pool = genes.order, genes.pool
@@ -69,34 +72,24 @@ def pack_lanes(rules: ExactRules, stock: Stock, genes: Genes) -> tuple[Array, Ar
     bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
     by_item = jnp.zeros_like(bin).at[lane, item].set(bin)
     corner = jnp.zeros_like(sizes).at[lane, item].set(jnp.moveaxis(layout.corner, -1, 0))
-    return by_item, corner, cost_of(stock, by_item)
-
-
-def cost_of(stock: Stock, bin: Array) -> Array:
-    """Price of the bins, then how unevenly they are filled: float32 [P] from [P, N].
-
-    To leave something out is worse than any number of bins.
-    """
-    volume = stock.sizes[:, 0].astype(jnp.float32).prod(1) * stock.mask
-    room = jnp.maximum(stock.bins.astype(jnp.float32).prod(1), 1)  # 0 where there is no bin
-    lane = jnp.arange(bin.shape[0])[:, None]
-    packed = bin >= 0
-    held = jnp.zeros((bin.shape[0], room.shape[0])).at[lane, bin].add(volume * packed)
-    price = (stock.price * (held > 0)).sum(1)
-    # Of two packings in equally many bins the one with an emptier bin is nearer to one less.
-    even = (held * held / room).sum(1) / jnp.maximum(held.sum(1), 1e-9)
-    missing = (~packed & stock.mask).sum(1) / stock.mask.sum()
-    left_out = jnp.where(missing > 0, stock.penalty * (1 + missing), 0)
-    return price + WEIGHT_OF_FILL * (1 - even) + left_out
+    lies = stock.sizes[jnp.arange(item.shape[1]), genes.turn]
+    placed = Placed(by_item, corner, lies)
+    return by_item, corner, jax.vmap(partial(cost, jnp, stock))(placed)
 
 
 AS_GIVEN, ANNEAL, BREED = range(3)
 """What a round does: it packs the lanes as they are, to know what they cost; or goes on."""
 
 
-@partial(jax.jit, static_argnames="rules")
+@partial(jax.jit, static_argnames=("rules", "objective"))
 def advance(
-    rules: ExactRules, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
+    rules: ExactRules,
+    stock: Stock,
+    lanes: Lanes,
+    rounds: Array,
+    heat: Array,
+    how: Array,
+    objective: Cost = bins_cost,
 ) -> Lanes:
     """So many rounds; when annealing the worst quarter of the lanes then go on from better ones.
 
@@ -106,6 +99,7 @@ def advance(
         rounds: int32[].
         heat: float32[], rises in cost of this size are accepted one time in three.
         how: int32[], AS_GIVEN, ANNEAL or BREED.
+        objective: what a packing costs.
     """
 
     def one_round(_: Array, lanes: Lanes) -> Lanes:
@@ -115,7 +109,7 @@ def advance(
         proposals = [_as_given, _annealed, _bred]
         new, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
         genes = Genes(jnp.argsort(new.place).astype(jnp.int32), new.turn, new.pool)
-        bin, corner, cost = pack_lanes(rules, stock, genes)
+        bin, corner, cost = pack_lanes(rules, stock, genes, objective)
         kept = cost <= lanes.cost + rises
         least = jnp.argmin(cost)
         tried = Best(
