@@ -15,10 +15,10 @@ from jaxpack.io.notes import Say, silent
 from jaxpack.io.plans import write_plan_json
 from jaxpack.io.steps import write_steps
 from jaxpack.model.bounds import Bounds
-from jaxpack.model.figures import PlanFigures, plan_figures
+from jaxpack.model.figures import PlanFigures, plan_figures, plan_profit
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
-from jaxpack.model.objectives import gap
+from jaxpack.model.objectives import gap, objective_of
 from jaxpack.model.units import fine_enough
 from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
 
@@ -57,16 +57,24 @@ class Solution:
 
     @property
     def gap(self) -> float | None:
-        """How far above its bound the plan is at most: 0.05 is 5 %; None if items are unpacked.
+        """How far from its bound the plan is at most: 0.05 is 5 %; None if items are unpacked.
 
-        Of what is minimised: the cost where bins have one, otherwise their number.
+        Of the objective's measure: cost or number of the bins, value.
         """
         return gap(self.job, self.plan, self.bounds)
 
     @property
     def unpacked(self) -> int:
-        """How many items fit some bin and are left out: of such bins there are too few."""
-        return self.figures.left_out - self.bounds.unfit
+        """How many items fit some bin and are left out though they should not be: of such bins
+        there are too few.
+        """
+        may = objective_of(self.job).leaves_out
+        return 0 if may else self.figures.left_out - self.bounds.unfit
+
+    @property
+    def value(self) -> float:
+        """What all packed items are worth: their profits, of those without one the volume."""
+        return float(plan_profit(self.job, self.plan))
 
     @property
     def limited_by(self) -> str:
@@ -110,8 +118,9 @@ def solve(
     skip_unfit: bool = False,
     dimension: int | None = None,
     ignore: str | Sequence[str] = (),
+    objective: str = "",
 ) -> Solution:
-    """Packs items into as few bins as it can find in the time, or into the cheapest.
+    """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
 
     With costs of bins the least cost comes first, then the fewest bins, then the least volume of
     bins; without costs the fewest bins, then their volume. What fits is left out only where there
@@ -129,12 +138,15 @@ def solve(
         skip_unfit: leave out items that no bin can hold; otherwise they are an error.
         dimension: 2 or 3, where the tables must be of that; their columns say it.
         ignore: columns of the tables that need not be obeyed.
+        objective: another one than the above, a key of `OBJECTIVES`: bins or price whatever the
+            costs; value, the greatest value of what is packed (column PROFIT of the items, their
+            volume without it), where bins without COPIES are one and items may be left out.
 
     Raises:
         UserError: where anything in it is wrong, in one line.
     """
     notes: list[str] = []
-    job = _job(items, bins, ignore, notes.append)
+    job = _job(items, bins, ignore, objective, notes.append)
     options = SolveOptions(time_limit, seed, support, inclusive, resolution, skip_unfit)
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
@@ -192,20 +204,20 @@ def solution(job: Job, found: Progress) -> Solution:
     )
 
 
-def _job(items: Any, bins: Any, ignore: str | Sequence[str], say: Say) -> Job:
+def _job(items: Any, bins: Any, ignore: str | Sequence[str], objective: str, say: Say) -> Job:
     if isinstance(items, Job):
         if bins is not None:
             raise UserError("bins: a job has its bins already; give none beside it")
-        return items
+        return replace(items, objective=objective) if objective else items
     paths = str | PathLike
     if not isinstance(items, paths):
         if bins is None or isinstance(bins, paths):
             raise UserError("bins: give a table of them, as the items are one")
-        return job_from_columns(items, bins, ignore=ignore, say=say)
+        return job_from_columns(items, bins, ignore=ignore, objective=objective, say=say)
     if bins is not None and not isinstance(bins, paths):
         raise UserError("bins: give the path of a file, as the items are in one")
     room = None if bins is None else Path(bins)
-    jobs = read_job(Path(items), room, ignore=ignore, say=say)
+    jobs = read_job(Path(items), room, ignore=ignore, objective=objective, say=say)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

@@ -91,3 +91,39 @@ def _placed(ways, room):
         for corner in product(*(range(r - s + 1) for r, s in zip(room, sides, strict=True))):
             spans = [range(c, c + s) for c, s in zip(corner, sides, strict=True)]
             yield sum(1 << ((x * room[1] + y) * room[2] + z) for x, y, z in product(*spans))
+
+
+def greatest_value(job):
+    """The most that items in the bins can be worth, and the worth of such a plan in the fewest bins
+    and then the least volume: (value, bins, volume).
+    """
+    ways = [[_ways(item, kind) for item in job.items] for kind in job.bins]
+    every = range(len(job.items))
+    loads = [
+        _loads(job, kind, row, [n for n in every if row[n]])
+        for kind, row in zip(job.bins, ways, strict=True)
+    ]
+    loads = [  # as bits of all items
+        {
+            sum(1 << n for bit, n in enumerate([n for n in every if row[n]]) if load >> bit & 1)
+            for load in some
+        }
+        for some, row in zip(loads, ways, strict=True)
+    ]
+    profits = [math.prod(i.size) if i.profit is None else i.profit for i in job.items]
+
+    @cache
+    def best(taken, stock):
+        found = [(0, 0, 0)]
+        for kind, some in enumerate(loads):
+            if not stock[kind]:
+                continue
+            left = tuple(n - (k == kind) for k, n in enumerate(stock))
+            for load in some:
+                if not load & taken:
+                    value = sum(profits[n] for n in every if load >> n & 1)
+                    more = value, -1, -math.prod(job.bins[kind].size)
+                    found.append(tuple(map(sum, zip(best(taken | load, left), more, strict=True))))
+        return max(found)
+
+    return best(0, tuple(kind.copies for kind in job.bins))

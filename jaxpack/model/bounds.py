@@ -13,6 +13,7 @@ from fractions import Fraction
 import numpy as np
 
 from jaxpack.model.cover import Need, least
+from jaxpack.model.exact import exact
 from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import UNLIMITED, Goods, goods_of
 from jaxpack.model.job import Job
@@ -81,6 +82,51 @@ def weight_bound(job: Job) -> int:
 def martello_bounds(job: Job, halves: bool = False) -> tuple[int, int]:
     """The bounds L1 and L2: see `jaxpack.model.martello`, for `halves` too."""
     return l1_and_l2(goods_of(job), halves)
+
+
+def most_profit(job: Job) -> tuple[Fraction, Goods]:
+    """No subset of the items that the bins can hold is worth more; and these items.
+
+    By the volume of the bins and by their weight limits: the relaxed knapsack problem of each,
+    where an item may be in a bin in part.
+    """
+    goods = goods_of(job)
+    volumes = [math.prod(row) for row in goods.sizes[0].tolist()] if len(goods.copies) else []
+    cube = goods.unit ** len(goods.axes)
+    profits = [
+        exact(profit) if profit >= 0 else volume * cube
+        for profit, volume in zip(goods.profits.tolist(), volumes, strict=True)
+    ]
+    unit = _unit(profits)
+    values = [int(profit / unit) for profit in profits]
+    most = sum(map(math.prod, zip(values, goods.copies.tolist(), strict=True)))
+    amounts = [(volumes, list(map(math.prod, _shrunk(goods).tolist())) if values else [])]
+    if (goods.limits < UNLIMITED).all():
+        amounts.append((goods.weights.tolist(), goods.limits.tolist()))
+    for each, rooms in amounts:
+        there = [(room, kind.copies) for room, kind in zip(rooms, goods.kinds, strict=True)]
+        if all(copies is not None for _, copies in there):
+            capacity = sum(room * (copies or 0) for room, copies in there)
+            most = min(most, _relaxed_knapsack(values, each, goods.copies.tolist(), capacity))
+    return most * unit, goods
+
+
+def _relaxed_knapsack(values: list[int], each: list[int], copies: list[int], capacity: int) -> int:
+    """The most value of copies that need at most the capacity, rounded down: by its dual, which
+    bounds it for any price of the capacity and is it for the right one.
+    """
+    density = np.array([float(v) / a if a else math.inf for v, a in zip(values, each, strict=True)])
+    rows, left = np.argsort(-density, kind="stable").tolist(), capacity
+    for row in rows:
+        left -= each[row] * copies[row]
+        if left < 0:
+            price = Fraction(values[row], each[row])
+            break
+    else:
+        price = Fraction(0)
+    gain, per = price.numerator, price.denominator
+    over = (max(0, per * v - gain * a) * n for v, a, n in zip(values, each, copies, strict=True))
+    return (gain * capacity + sum(over)) // per
 
 
 def _least(parts: list[list[Fraction]], copies: list[float], needs: list[Need]) -> list[Fraction]:

@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpack.errors import UserError
+from jaxpack.model.bounds import most_profit
 from jaxpack.model.exact import exact
+from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import scale_hint, unfit_hint
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.objectives import objective_of
@@ -29,6 +31,7 @@ class Stock(NamedTuple):
     bins: Any  # int32 [S, 3], units
     limit: Any  # like weight [S]; the largest number of its type: no limit
     price: Any  # float32 [S], about 1: what is minimised first, and a little of what comes next
+    profit: Any  # float32 [N], share of what the bins can hold; 0 where the objective has none
     penalty: Any  # float32[], more than any packing costs: for leaving something out
     step: Any  # int32[], units: corners along x and y are multiples of it
 
@@ -89,6 +92,7 @@ def load_job(
     ways = fitting_ways(job)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]
+    skip_unfit = skip_unfit or objective_of(job).leaves_out
     if unfit and (not skip_unfit or not fit):
         raise UserError(_unfit(job, unfit, skip_unfit))
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
@@ -198,7 +202,10 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
         side.max(1),
     )
     noise = 1 + (lane // 12) * 0.15 * random.standard_normal(len(loading.job.items))
-    order = np.argsort(-keys[lane // 3 % 4] * noise[loading.items], kind="stable")
+    key = keys[lane // 3 % 4] * noise[loading.items]
+    if stock.profit.any():  # what is worth much for its volume comes early
+        key = key * (stock.profit / (length * width * tall)) ** (1 + lane % 2)
+    order = np.argsort(-key, kind="stable")
     rooms = stock.bins.astype(np.float64).prod(1)
     worth = (stock.price / rooms, stock.price)[lane % 2]
     kinds = len(loading.job.bins)
@@ -222,6 +229,7 @@ def padded(stock: Stock, items: int, bins: int) -> Stock:
         bins=rows(stock.bins, bins, 0),
         limit=rows(stock.limit, bins, 0),
         price=rows(stock.price, bins, 0),
+        profit=rows(stock.profit, items, 0),
     )
 
 
@@ -283,6 +291,7 @@ def _stock(
         bins=rooms[bins].astype(np.int32),
         limit=limit[bins],
         price=price[bins].astype(np.float32),
+        profit=_profits(job)[items],
         penalty=np.float32(2 + 2 * dearest.sum()),
         step=np.int32(units.step),
     )
@@ -328,6 +337,14 @@ def _prices(job: Job, items: np.ndarray) -> np.ndarray:
     for part in later:
         prices = prices + little * (part / max(part.max(), 1e-300))
     return prices
+
+
+def _profits(job: Job) -> np.ndarray:
+    """Of every item type, float32; see `Stock.profit`."""
+    if "PROFIT" not in objective_of(job).obeys:
+        return np.zeros(len(job.items), np.float32)
+    most, _ = most_profit(job)
+    return np.array([float(profit_of(item) / (most or 1)) for item in job.items], np.float32)
 
 
 def _sides(size: Sides) -> str:

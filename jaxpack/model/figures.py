@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from jaxpack.model.exact import exact, whole
-from jaxpack.model.job import BinType, Job, PackedBin, Plan, Sides
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Plan, Sides
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,17 @@ def fill(job: Job, packed: PackedBin) -> float:
 def total_cost(job: Job, plan: Plan) -> float:
     """What the used bins cost together; those without a cost their volume."""
     return float(bins_worth(("cost",), job, plan)[1])
+
+
+def profit_of(item: ItemType) -> Fraction:
+    """What one of them is worth: its volume, in 2D its area, if nothing is given."""
+    return volume(item.size) if item.profit is None else exact(item.profit)
+
+
+def plan_profit(job: Job, plan: Plan) -> Fraction:
+    """What all packed items are worth."""
+    items = Counter(put.item for packed in plan.bins for put in packed.placements)
+    return sum((profit_of(job.items[item]) * n for item, n in items.items()), Fraction(0))
 
 
 def parts_of(kind: BinType) -> dict[str, Fraction]:

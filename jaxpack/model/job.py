@@ -20,7 +20,7 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
-from jaxpack.model.numbers import as_cost, as_size, as_weight, as_whole, fault, show
+from jaxpack.model.numbers import as_cost, as_profit, as_size, as_weight, as_whole, fault, show
 
 FINEST = 2**30
 """A side of a bin has at most so many units: far edges of items then fit int32."""
@@ -55,6 +55,7 @@ class ItemType:
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
     tags: tuple[Any, ...] = field(default=(), compare=False)
     """What a file says of each copy beside all this, for files that are written."""
+    profit: float | None = None  # what one is worth; its volume (2D: area) if not given
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""
@@ -188,6 +189,7 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
         size=_checked_sides(where, item.size, dimension),
         copies=as_whole(item.copies, f"{where}, copies", low=0),
         weight=_checked_weight(where, item.weight),
+        profit=None if item.profit is None else clean(as_profit(item.profit, f"{where}, profit")),
         orientations=tuple(dict.fromkeys(ways)),
     )
 

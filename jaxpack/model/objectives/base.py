@@ -55,6 +55,13 @@ class Objective:
     """What a search minimises: a number that says of unequal packings more than the worth does."""
     parts: tuple[str, ...] = ("bins", "volume")
     """What of the used bins counts, the most important first: see `figures.parts_of`."""
+    figure: str = ""
+    """What tables call the measure; none where it is among the figures of every plan."""
+    total: Callable[[Job], float] | None = None
+    """What the measure would be if nothing were left out."""
+    maximised: bool = False  # the measure, which is otherwise minimised
+    leaves_out: bool = False  # items that fit may be left out, and bins without COPIES are one
+    obeys: tuple[str, ...] = ()  # columns of items that other objectives refuse: PROFIT
     on_grid: Callable[..., Any] | None = None
     """(instance, packing, alpha, beta) -> float32[], a cost; see `jaxpack.model.metrics`."""
 
