@@ -69,7 +69,7 @@ class Verdict:
         """What a valid plan amounts to."""
         job, plan = self.job, self.plan
         loaded = [put.item for packed in plan.bins for put in packed.placements]
-        room = sum(math.prod(job.bins[packed.bin].size) for packed in plan.bins)
+        room = sum(math.prod(job.room(packed)) for packed in plan.bins)
         parts = [counted(len(plan.bins), "bin"), counted(len(loaded), "item")]
         if room:
             share = sum(math.prod(job.items[item].size) for item in loaded) / room

@@ -31,7 +31,7 @@ class Screen(Console):
 
 def live_figures(job: Job, found: Progress) -> str:
     """The live line. In floats: exact figures of a large plan take seconds."""
-    room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
+    room = sum(math.prod(job.room(packed)) for packed in found.plan.bins)
     items = (put.item for packed in found.plan.bins for put in packed.placements)
     fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
     parts, goal = [counted(found.bins, "bin"), f"fill {_percent(fill)}"], objective_of(job)

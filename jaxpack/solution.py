@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from jaxpack.io.notes import Say, silent
 from jaxpack.io.plans import write_plan_json
 from jaxpack.io.steps import write_steps
 from jaxpack.model.bounds import Bounds
-from jaxpack.model.figures import PlanFigures, plan_figures, plan_profit
+from jaxpack.model.figures import PlanFigures, levelled, plan_figures, plan_profit
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
 from jaxpack.model.objectives import gap, objective_of
@@ -77,17 +78,28 @@ class Solution:
         return float(plan_profit(self.job, self.plan))
 
     @property
+    def height(self) -> float:
+        """How high the highest of the bins is: up to the items that are highest for the objective
+        height, otherwise that of the bin type.
+        """
+        return max((self.job.room(packed)[2] for packed in self.plan.bins), default=0.0)
+
+    @cached_property
+    def _levelled(self) -> Job:
+        return levelled(self.job, self.plan)
+
+    @property
     def limited_by(self) -> str:
         """What ended the search, in words."""
         return SENTENCES[self.end]
 
     def write_csv(self, path: str | PathLike[str], say: Say = silent) -> None:
         """Writes the plan as PackingSolver's certificate; `say` takes what there is to note."""
-        write_certificate(Path(path), self.job, self.plan, say)
+        write_certificate(Path(path), self._levelled, self.plan, say)
 
     def write_json(self, path: str | PathLike[str]) -> None:
         """Writes the plan and what it says of the job as JSON."""
-        write_plan_json(Path(path), self.job, self.plan)
+        write_plan_json(Path(path), self._levelled, self.plan)
 
     def write_steps(self, path: str | PathLike[str]) -> None:
         """Writes the loading steps, a row per item, as CSV."""
@@ -97,13 +109,13 @@ class Solution:
         """Writes a page to look at the plan in 3D and load it step by step."""
         from jaxpack.io.viewer import write_html  # a second to import
 
-        write_html(Path(path), self.job, self.plan)
+        write_html(Path(path), self._levelled, self.plan)
 
     def write_png(self, path: str | PathLike[str]) -> None:
         """Writes a picture of the first bins."""
         from jaxpack.io.pictures import write_png  # a second to import
 
-        write_png(Path(path), self.job, self.plan)
+        write_png(Path(path), self._levelled, self.plan)
 
 
 def solve(
@@ -140,7 +152,8 @@ def solve(
         ignore: columns of the tables that need not be obeyed.
         objective: another one than the above, a key of `OBJECTIVES`: bins or price whatever the
             costs; value, the greatest value of what is packed (column PROFIT of the items, their
-            volume without it), where bins without COPIES are one and items may be left out.
+            volume without it), where bins without COPIES are one and items may be left out; height,
+            the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
 
     Raises:
         UserError: where anything in it is wrong, in one line.
@@ -167,6 +180,7 @@ def checked_options(
     Raises:
         UserError: naming the option.
     """
+    job = objective_of(job).prepared(job)
     for name in ("inclusive", "skip_unfit"):
         if not isinstance(value := getattr(options, name), bool | np.bool_):
             raise UserError(f"{called(name)} {value!r}: give True or False")
@@ -196,7 +210,7 @@ def solution(job: Job, found: Progress) -> Solution:
     return Solution(
         job=job,
         plan=found.plan,
-        figures=plan_figures(job, found.plan),
+        figures=plan_figures(levelled(job, found.plan), found.plan),
         bounds=found.bounds,
         seconds=found.seconds,
         packings=found.packings,

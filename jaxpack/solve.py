@@ -74,8 +74,9 @@ class CommandOptions:
     skip_unfit: FlagCreatePairsOff[bool] = False
     """Leave out the items that no bin can hold; otherwise they are an error."""
     objective: str = ""
-    """What is wanted: bins (few of them), price (theirs, low) or value (of what is packed, high:
-    column PROFIT). Not given, price if bins have a COST, otherwise bins."""
+    """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
+    column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
+    a COST, otherwise bins."""
     order: str | None = None
     """Solve only the order of that name."""
     ignore: UseAppendAction[tuple[str, ...]] = ()

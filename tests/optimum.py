@@ -127,3 +127,16 @@ def greatest_value(job):
         return max(found)
 
     return best(0, tuple(kind.copies for kind in job.bins))
+
+
+def lowest(job):
+    """The least height of one bin that holds all items which fit its floor."""
+    (kind,) = job.bins
+    ways = [_ways(item, kind) for item in job.items]
+    boxes = [some for some in ways if some]
+    length, width, _ = map(int, (*kind.size[:2], 0))
+    for height in range(sum(max(sides[2] for sides in some) for some in boxes) + 1):
+        within = [[sides for sides in some if sides[2] <= height] for some in boxes]
+        if all(within) and _packable(within, (length, width, height)):
+            return height
+    return None

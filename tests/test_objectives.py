@@ -5,22 +5,23 @@ import math
 import random
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import islice, permutations, product
 
 import numpy as np
 import pytest
 from job_files import assert_refused
-from optimum import greatest_value
+from optimum import greatest_value, lowest
 from test_bounds import FLAT, FREE
 
 import jaxpack
 from jaxpack.io.jobs import job_from_columns, read_job
-from jaxpack.model.encoding import Genes, fitting_ways, load_job
-from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.model.encoding import Genes, fitting_ways, lane_genes, load_job, plan_of
+from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job
 from jaxpack.model.objectives import bounds, objective_of
-from jaxpack.model.plan_check import check_plan
+from jaxpack.model.plan_check import InvalidPlanError, check_plan
 from jaxpack.search.portfolio import End, SolveOptions, solve_job
-from jaxpack.search.quick import pack_quickly
+from jaxpack.search.quick import pack_quickly, quick_plan
 
 
 @pytest.fixture
@@ -210,3 +211,126 @@ def test_knapsack_files_have_profits_and_copies(tmp_path):
     assert [(item.copies, item.profit) for item in job.items] == [(4, 15), (1, 8), (1, 1)]
     assert job.bins[0].copies == 1
     assert_refused(lambda: read_job(path), "column dmin: 0 is not possible")
+
+
+def strip_job(rng, items=5):
+    """A few items for an open bin, of 2D or 3D, all of which fit its floor."""
+    job = tiny_job(rng, "", items, bins=1)
+    x, y, _ = job.bins[0].size
+    return replace(job, bins=(BinType((x, y, math.inf)),), objective="height")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_height_is_below_the_bound(seed):
+    rng, reached = random.Random(seed), 0
+    for _ in range(60):
+        job = strip_job(rng)
+        least, found = lowest(job), bounds(job)
+        assert found.best <= least, job
+        assert found.worth == (sum(not ways for ways in fitting_ways(job)), found.best)
+        reached += found.best == least
+    assert reached > 40
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_search_finds_the_least_height(seed, uncompiled):
+    rng = random.Random(seed)
+    jobs = (strip_job(rng, items=4) for _ in range(99))
+    for job in islice(filter(any_fits, jobs), 3):
+        found = solve_job(job, SolveOptions(5, skip_unfit=True))
+        check_plan(job, found.plan)
+        height = objective_of(job).measure(job, found.plan)
+        assert height == everything(job, top) >= lowest(job), job
+
+
+def top(loading, packed, tops):
+    """Of what holds all items."""
+    return tops.max() if len(packed) == len(loading.items) else math.inf
+
+
+STRIP = "WIDTH,HEIGHT,COPIES,ID\n4,3,2,a\n2,6,1,b\n"
+
+
+@pytest.mark.parametrize("high", ["", "-1", "inf", "20"])
+@pytest.mark.parametrize("out", ["p.json", "p.csv"])
+def test_the_command_finds_the_least_height_and_the_check_knows_it(tmp_path, high, out):
+    write(tmp_path, items=STRIP, bins=f"WIDTH,HEIGHT\n6,{high}\n")
+    files = "items.csv", "bins.csv", "--objective", "height"
+    code, output, _ = run(tmp_path, "solve", *files, "--out", out, "--time-limit", "1")
+    assert code == 0
+    assert output[:3] == [
+        "bins         1",
+        "fill         100.0 %",
+        "height       6, at least 6, gap 0.0 %",
+    ]
+    valid = "valid: 1 bin, 3 items, fill 100.0 %, height 6"
+    assert run(tmp_path, "check", out, *files)[:2] == (0, [valid])
+    text = (tmp_path / out).read_text()
+    lower = text.replace("[6, 1, 6]", "[6, 1, 5.5]").replace(
+        "BIN,0,1,0,0,0,6,6", "BIN,0,1,0,0,0,6,5"
+    )
+    assert lower != text
+    (tmp_path / out).write_text(lower)
+    code, output, _ = run(tmp_path, "check", out, *files)
+    assert code == 1
+    assert "outside the bin: along z it reaches to 6, the bin to 5" in output[0]
+
+
+def test_a_height_is_open_for_the_objective_height_alone(tmp_path):
+    goods = {"X": [4], "Y": [4], "Z": [4]}
+    for z in (None, -1, math.inf):
+        room = {"X": [10], "Y": [10], "Z": [z]}
+        assert job_from_columns(goods, room, objective="height").bins[0].open
+        for other in ("", "bins", "value"):
+            words = "row 0, column Z", "the height is open", "--objective height"
+            assert_refused(lambda: job_from_columns(goods, room, objective=other), *words)  # noqa: B023
+        assert_refused(
+            lambda: job_from_columns(goods, room | {"Y": [z]}, objective="height"),  # noqa: B023
+            "row 0, column Y",
+        )
+    item, open_bin = ItemType((4, 4, 4)), BinType((10, 10, math.inf))
+    assert_refused(lambda: jaxpack.solve(Job((item,), (open_bin,))), "the height is open")
+    assert_refused(lambda: bounds(Job((item,), (open_bin,))), "the height is open")
+    two = Job((item,), (open_bin, BinType((5, 5, 5))), objective="height")
+    assert_refused(lambda: jaxpack.solve(two), "objective height: 2 types of bins; give one bin")
+    assert_refused(lambda: Job((ItemType((4, 4, math.inf)),), (open_bin,)), "item 0, size: inf")
+    assert_refused(lambda: Job((ItemType((4, 4, 1e9), 5),), (open_bin,)), "choose a larger unit")
+    path = tmp_path / "strip.ins2D"
+    path.write_text("2\n6 -1\n1 4 3 2\n2 2 6 1\n")
+    (job,) = read_job(path, objective="height")
+    assert job.bins[0].size == (6, 1, math.inf)
+    assert bounds(job).best == 6
+    assert_refused(lambda: read_job(path), "column H: -1 is not a size")
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_an_open_bin_holds_all_however_little_time_there_is(dimension):
+    """Columns side by side, not all on top of each other."""
+    rng = random.Random(dimension)
+    sizes = [[rng.randint(1, 9) for _ in range(3)] for _ in range(300)]
+    items = tuple(ItemType((x, y if dimension == 3 else 1, z)) for x, y, z in sizes)
+    room = BinType((50, 40 if dimension == 3 else 1, math.inf))
+    job = Job(items, (room,), dimension, objective="height")
+    loading = load_job(job)
+    best = quick_plan(loading, lane_genes(loading, 0, 0), stop=lambda: True)
+    plan = plan_of(loading, best.genes.order, best.genes.turn, best.bin, best.corner, {0: 0})
+    check_plan(job, plan, support=1.0)
+    assert plan.left_out == ()
+    assert plan.bins[0].height < 3 * bounds(job).best
+
+
+def test_a_plan_of_fine_lengths_reaches_to_its_height(uncompiled):
+    sizes = [(0.1, 0.3, 0.7), (0.25, 0.3, 0.125), (0.125, 0.1, 0.3)]
+    items = tuple(ItemType(size, 7, orientations=UPRIGHT) for size in sizes)
+    job = Job(items, (BinType((0.5, 0.5, math.inf)),), objective="height")
+    found = jaxpack.solve(job, time_limit=0.5)
+    (packed,) = found.plan.bins
+    tops = [put.corner[2] + job.items[put.item].size[2] for put in packed.placements]
+    assert found.height == packed.height == pytest.approx(max(tops), rel=1e-12)
+    assert found.figures.utilisation == pytest.approx(
+        sum(7 * math.prod(size) for size in sizes) / (0.25 * found.height)
+    )
+    lower = replace(found.plan, bins=(replace(packed, height=found.height - 1e-6),))
+    with pytest.raises(InvalidPlanError, match="outside the bin: along z"):
+        check_plan(job, lower)
+    check_plan(job, replace(found.plan, bins=(replace(packed, height=None),)))

@@ -11,8 +11,8 @@ An empty cell is as no column. Items have 1 copy then and weigh nothing. In 2D O
 item be turned by a quarter; without that items may not be turned, as in the standard instances. In
 3D items may be turned as the ROTATION columns with 1 say, without any not at all. For bins empty
 or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. PROFIT is for the objective
-value: without it items are worth their volume, and bins without COPIES are one. See
-docs/file-formats.md.
+value: without it items are worth their volume, and bins without COPIES are one. For the objective
+height that of a bin may be empty or -1: it is open. See docs/file-formats.md.
 """
 
 import math
@@ -136,15 +136,28 @@ def _job(items: Table, bins: Table, name: str, reading: Reading) -> Job:
     return Job(types, kinds, goods.dimension, name, reading.objective)
 
 
-def _size(row: Row, dimension: int, whole: bool) -> Sides:
-    sides = [row.size(column) for column in SIDES[dimension]]
+def _size(row: Row, dimension: int, whole: bool, end: float | None = None) -> Sides:
+    """The sides; where there is an end, it is the last."""
+    columns = SIDES[dimension] if end is None else SIDES[dimension][:-1]
+    sides = [row.size(column) for column in columns]
     if whole:
-        for column, side in zip(SIDES[dimension], sides, strict=True):
+        for column, side in zip(columns, sides, strict=True):
             if side < 1 or (isinstance(row.cell(column), str) and "e" in row.cell(column).lower()):
                 what = f"{row.cell(column)} is read up to its first sign that is no digit"
                 raise fault(row.at(column), what, "PackingSolver knows whole numbers only")
         sides = [float(math.floor(side)) for side in sides]
+    sides += [] if end is None else [end]
     return (sides[0], 1.0, sides[1]) if dimension == 2 else (sides[0], sides[1], sides[2])
+
+
+def _end(row: Row, dimension: int, reading: Reading) -> float | None:
+    """Infinity if the height of a bin is open, which an empty cell says, -1 or inf; else None."""
+    height = SIDES[dimension][-1]
+    if _given(row, height) and not row.unlimited(height):
+        return None
+    if not reading.goal.open_bin:
+        raise fault(row.at(height), "the height is open: give one, or use --objective height")
+    return math.inf
 
 
 def _say_cut(read: Understood, reading: Reading) -> None:
@@ -153,7 +166,7 @@ def _say_cut(read: Understood, reading: Reading) -> None:
         return
     for row in read.table.rows():
         for column in SIDES[read.dimension]:
-            if not row.size(column).is_integer():
+            if _given(row, column) and not row.unlimited(column) and row.size(column) % 1:
                 what = f"{plain(row.size(column))} is read without its decimals"
                 reading.say(note(row.at(column), f"{what}, as PackingSolver reads all lengths"))
                 return
@@ -223,9 +236,9 @@ def _bins(
     _say_cut(read, reading)
     bins = []
     for row in table.rows():
-        size = _size(row, dimension, reading.packingsolver)
+        size = _size(row, dimension, reading.packingsolver, _end(row, dimension, reading))
         if factor != 1:
-            x, y, z = (float(exact(side) * factor) for side in size)
+            x, y, z = (float(exact(s) * factor) if s < math.inf else s for s in size)
             size = x, (1.0 if dimension == 2 else y), z
         limit, none = _limit(row, reading)
         bins.append(
@@ -279,7 +292,7 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None, reading: Reading) 
     """Lines `m`, `W H`, then m of `i w h [dmin [dmax [profit]]]`: dmin copies; may not be turned.
 
     Where items may be left out there are dmax copies, and one bin. A strip packing file has -1 for
-    H and needs `bins`.
+    H, which is open; it needs `bins` for other objectives than the height.
     """
     goal = reading.goal
     lines = [
@@ -298,7 +311,9 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None, reading: Reading) 
         raise fault(first, "column m", f"{number} items announced, {len(lines) - 2} are there")
     if bins is None:
         one = 1 if goal.leaves_out else None
-        bins = (BinType(_flat(second, W=wide, H=high), copies=one, where="row 2"),)
+        size = _flat(second, W=wide, H="1" if goal.open_bin and high == "-1" else high)
+        size = (*size[:2], math.inf) if goal.open_bin and high == "-1" else size
+        bins = (BinType(size, copies=one, where="row 2"),)
     items = []
     total = 0
     for where, fields in lines[2:]:

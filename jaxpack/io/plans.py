@@ -21,7 +21,7 @@ from jaxpack.io.texts import (
 )
 from jaxpack.model.figures import profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
-from jaxpack.model.numbers import as_number, fault, plain, show
+from jaxpack.model.numbers import as_number, as_size, fault, plain, show
 from jaxpack.model.objectives import objective_of
 
 
@@ -30,6 +30,7 @@ def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
 
     Positions are front-bottom-left corners, sides and extents along x, y and z; a bin's fill is
     the share of its volume that is filled.
+    For the objective height a bin is as high as the plan.
     """
     loads: list[list[Step]] = [[] for _ in plan.bins]
     for step in steps_of(job, plan):
@@ -96,10 +97,14 @@ def read_plan_json(path: Path, job: Job) -> Plan:
     for number, one in enumerate(member(data, "bins", list, str(path))):
         where = f"{path}: bin {number}"
         bin_type = member_index(one, "type", len(job.bins), where)
-        _check_vector(one, "size", job.bins[bin_type].size, where)
+        x, y, z = job.bins[bin_type].size
+        height = None
+        if objective_of(job).open_bin:
+            z = height = as_size(member_vector(one, "size", where)[2], f"{where}, key 'size'")
+        _check_vector(one, "size", (x, y, z), where)
         items = enumerate(member(one, "items", list, where))
         placed = tuple(_placement(item, job, f"{where}, item {index}") for index, item in items)
-        bins.append(PackedBin(bin_type, placed))
+        bins.append(PackedBin(bin_type, placed, height))
     left = enumerate(member(data, "left_out", list, str(path)))
     left_out = (
         member_index(one, "item", len(job.items), f"{path}: left_out {n}") for n, one in left

@@ -7,7 +7,7 @@ boxes that do not overlap, however they rest on each other.
 import math
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -23,6 +23,7 @@ from jaxpack.model.scales import scaled_needs
 WORK = 2**23  # products of lengths in scales, about: a tenth of a second
 LONGEST = 2**16  # units of a side of which it is found out what the items come to
 LIGHT = 40  # bits of a weight
+HEIGHTS = 12  # that are tried
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,52 @@ def most_profit(job: Job) -> tuple[Fraction, Goods]:
             capacity = sum(room * (copies or 0) for room, copies in there)
             most = min(most, _relaxed_knapsack(values, each, goods.copies.tolist(), capacity))
     return most * unit, goods
+
+
+def least_height(job: Job, seconds: float | None = None) -> tuple[Fraction, Goods]:
+    """No plan with all items that fit into the one bin is lower; and these items.
+
+    By the volume over the floor and by the highest item, then by heights at which `bin_bounds`
+    proves that one bin is not enough. Every height is one of items on top of each other.
+
+    Args:
+        job: with one bin, which has a height.
+        seconds: after which no more heights are tried.
+    """
+    begun, goods = time.monotonic(), goods_of(job)
+    if not len(goods.copies):
+        return Fraction(0), goods
+    rooms, heights = _shrunk(goods)[0].tolist(), goods.sizes[..., 2]
+    volumes = _sum_of_products(*goods.sizes[0].T, goods.copies)
+    least = max(-(-volumes // (rooms[0] * rooms[1])), int(heights.min(0).max()))
+    low, high, tried, step = least - 1, math.inf, least, 1 + least // 256
+    for _ in range(HEIGHTS):
+        if _needs_two(goods, tried):
+            low = tried
+        else:
+            high = tried
+        if high - low <= 1 or (seconds is not None and time.monotonic() - begun > seconds):
+            break
+        tried, step = (low + step, 2 * step) if high == math.inf else ((low + int(high)) // 2, step)
+    least = low + 1
+    if goods.rooms[0, 2] <= LONGEST:
+        copies = np.zeros(int(goods.rooms[0, 2]) + 1, np.int64)
+        for way in np.minimum(heights, len(copies) - 1):
+            np.add.at(copies, way, goods.copies)
+        above = _sums(copies) >> least
+        least += (above & -above).bit_length() - 1 if above else 0
+    return least * goods.unit, goods
+
+
+def _needs_two(goods: Goods, height: int) -> bool:
+    """Whether a bin of that height is provably too low for all."""
+    rooms = goods.rooms.copy()
+    rooms[:, 2] = height
+    fits = goods.sizes[..., 2] <= height  # [ways, rows]
+    first = np.take_along_axis(goods.sizes, fits.argmax(0)[None, :, None], 0)
+    sizes = np.where(fits[..., None], goods.sizes, first)
+    lower = replace(goods, sizes=sizes, rooms=rooms, limits=np.full(len(rooms), UNLIMITED))
+    return any(_bins(need) > 1 for need in _needs(lower, np.ones(len(rooms))))
 
 
 def _relaxed_knapsack(values: list[int], each: list[int], copies: list[int], capacity: int) -> int:

@@ -11,7 +11,7 @@ from jaxpack.errors import UserError
 from jaxpack.model.bounds import most_profit
 from jaxpack.model.exact import exact
 from jaxpack.model.figures import profit_of
-from jaxpack.model.hints import scale_hint, unfit_hint
+from jaxpack.model.hints import unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.objectives import objective_of
 from jaxpack.model.units import Units, in_units, units_of
@@ -88,13 +88,14 @@ def load_job(
     Raises:
         UserError: naming the items that no bin can hold, unless they are to be skipped.
     """
+    job = objective_of(job).prepared(job)
     units = units_of(job, resolution)
     ways = fitting_ways(job)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]
     skip_unfit = skip_unfit or objective_of(job).leaves_out
     if unfit and (not skip_unfit or not fit):
-        raise UserError(_unfit(job, unfit, skip_unfit))
+        raise UserError(unfit_message(job, unfit, skip_unfit))
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
     items = np.repeat(fit, [job.items[n].copies for n in fit])
     copies = [
@@ -122,24 +123,6 @@ def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
         )
 
     return tuple(map(ways, job.items))
-
-
-def _unfit(job: Job, unfit: list[int], skipped: bool) -> str:
-    """What is wrong with the first item that no bin can hold."""
-    first = job.items[unfit[0]]
-    called = f" ({first.name})" if first.name else ""
-    others = f" and {len(unfit) - 1} more" if len(unfit) > 1 else ""
-    wrong = f"no bin can hold {_sides(first.size)} in an orientation that is allowed"
-    rooms = [kind for kind in job.bins if kind.copies != 0]
-    if any(_holds(first, way, kind.size) for way in first.orientations for kind in rooms):
-        wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
-    advice = scale_hint(job) or unfit_hint(job, unfit[0])
-    advice += "" if skipped else "; or leave such items out with --skip-unfit"
-    return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
-
-
-def _holds(item: ItemType, way: str, room: Sides) -> bool:
-    return all(side <= most for side, most in zip(item.turned(way), room, strict=True))
 
 
 def plan_of(
@@ -171,7 +154,13 @@ def plan_of(
             continue
         place = Placement(item, loading.ways[item][way], (length[x], length[y], length[z]))
         packed.setdefault(slot, []).append(place)
-    inside = [PackedBin(types[slot], tuple(items)) for slot, items in packed.items()]
+    levels: dict[int, float | None] = {}
+    if objective_of(loading.job).open_bin:
+        top = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
+        levels = {s: float(int(top[bin == s].max()) * loading.units.length) for s in packed}
+    inside = [
+        PackedBin(types[slot], tuple(items), levels.get(slot)) for slot, items in packed.items()
+    ]
     return Plan(tuple(inside), tuple(left_out))
 
 
@@ -270,7 +259,7 @@ def _stock(
     rooms = _lengths(job, units, [kind.size for kind in job.bins])
     # What fits no bin may be longer than any number that a packer takes, and is not among its rows.
     size = np.minimum(_lengths(job, units, [item.size for item in job.items]), np.int32(2**31 - 1))
-    area = np.int32 if rooms.max() <= NARROW else np.int64
+    area = np.int32 if rooms[:, :2].max() <= NARROW else np.int64
     turned = np.ones((len(job.items), orientations, 3), np.int32)
     needed = np.ones((len(job.items), orientations), area)
     for number, allowed in enumerate(ways):
@@ -345,7 +334,3 @@ def _profits(job: Job) -> np.ndarray:
         return np.zeros(len(job.items), np.float32)
     most, _ = most_profit(job)
     return np.array([float(profit_of(item) / (most or 1)) for item in job.items], np.float32)
-
-
-def _sides(size: Sides) -> str:
-    return " x ".join(f"{side:g}" for side in size)

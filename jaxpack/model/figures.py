@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -33,6 +33,16 @@ def plan_figures(job: Job, plan: Plan) -> PlanFigures:
         cost=total_cost(job, plan),
         left_out=len(plan.left_out),
     )
+
+
+def levelled(job: Job, plan: Plan) -> Job:
+    """The job with its bins as high as those of the plan, where they are open or that is less."""
+    heights = {packed.bin: job.room(packed) for packed in plan.bins}
+    sizes = [heights.get(number, kind.size) for number, kind in enumerate(job.bins)]
+    if sizes == [kind.size for kind in job.bins]:
+        return job
+    kinds = zip(job.bins, sizes, strict=True)
+    return replace(job, bins=tuple(replace(kind, size=size) for kind, size in kinds))
 
 
 def fill(job: Job, packed: PackedBin) -> float:

@@ -90,6 +90,7 @@ def improve(
         InvalidPlanError: never, unless this program is wrong.
     """
     begun = perf_counter()
+    job = objective_of(job).prepared(job)
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
     record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
     sorting = perf_counter()
@@ -179,7 +180,9 @@ class _Searches:
             yield found, int(found is not None)
 
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
-        policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
+        job = self.loading.job
+        draws = self.options.policy and not objective_of(job).open_bin  # it sees shares of a bin
+        policy = f"bin-aware-{job.dimension}d-turned" if draws else ""
         left = self.end - perf_counter()
         self.ready = False
         process.ask(self.loading, self.options.seed, left, best.genes, policy)

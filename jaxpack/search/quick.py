@@ -43,8 +43,25 @@ def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Be
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
-        genes = stand_in_columns(loading, genes, bin, corner)
+        if objective_of(loading.job).open_bin:
+            genes = _low_columns(loading, genes, bin, corner)
+        else:
+            genes = stand_in_columns(loading, genes, bin, corner)
     return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
+
+
+def _low_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Genes:
+    """All items in columns, low ones that stand in the one bin: those of a half might not."""
+    stock = loading.stock
+    x, y, z = stock.bins[0].tolist()
+    sizes = stock.sizes[np.arange(len(bin)), genes.turn].astype(np.float64)
+    height = int(max(sizes[:, 2].max(), sizes.prod(1).sum() / (x * y)))
+    while True:
+        bin[:] = -1
+        new = stand_in_columns(loading, genes, bin, corner, height)
+        if (bin >= 0).all() or height >= z:
+            return new
+        height += 1 + height // 4
 
 
 def search_quickly(loading: Loading, seed: int, first: Best, stop: Stop) -> Iterator[Best | None]:

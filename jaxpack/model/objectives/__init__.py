@@ -8,6 +8,7 @@ from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import show
 from jaxpack.model.objectives.base import Cost, Objective, Placed
 from jaxpack.model.objectives.bins import BINS
+from jaxpack.model.objectives.height import HEIGHT
 from jaxpack.model.objectives.paper import PAPER
 from jaxpack.model.objectives.price import PRICE
 from jaxpack.model.objectives.value import VALUE
@@ -18,6 +19,7 @@ OBJECTIVES: dict[str, Objective] = {
     "bins": BINS,
     "price": PRICE,
     "value": VALUE,
+    "height": HEIGHT,
     "paper": PAPER,
 }
 """Name -> objective; whoever adds one can name it wherever one is chosen."""
@@ -46,7 +48,8 @@ def objective_of(job: Job) -> Objective:
 
 def bounds(job: Job, seconds: float | None = None) -> Bounds:
     """Below which no plan's worth is: see `Objective.bound`."""
-    return objective_of(job).bound(job, seconds)
+    goal = objective_of(job)
+    return goal.bound(goal.prepared(job), seconds)
 
 
 def gap(job: Job, plan: Plan, bounds: Bounds) -> float | None:

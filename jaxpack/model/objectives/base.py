@@ -14,6 +14,7 @@ import numpy as np
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import Bounds
 from jaxpack.model.job import Job, Plan
+from jaxpack.model.numbers import fault
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -36,6 +37,14 @@ def _on_a_grid_alone(*_: Any) -> NoReturn:
     raise UserError("objective: it is one of instances on a grid, not of orders")
 
 
+def _with_heights(job: Job) -> Job:
+    for number, kind in enumerate(job.bins):
+        if kind.open:
+            what = "the height is open: give one, or choose the objective height"
+            raise fault(kind.where or f"bin {number}", what)
+    return job
+
+
 @dataclass(frozen=True)
 class Objective:
     """What is wanted of a packing.
@@ -55,12 +64,15 @@ class Objective:
     """What a search minimises: a number that says of unequal packings more than the worth does."""
     parts: tuple[str, ...] = ("bins", "volume")
     """What of the used bins counts, the most important first: see `figures.parts_of`."""
+    prepared: Callable[[Job], Job] = _with_heights
+    """The job as it is packed; UserError where it is not one for this objective."""
     figure: str = ""
     """What tables call the measure; none where it is among the figures of every plan."""
     total: Callable[[Job], float] | None = None
     """What the measure would be if nothing were left out."""
     maximised: bool = False  # the measure, which is otherwise minimised
     leaves_out: bool = False  # items that fit may be left out, and bins without COPIES are one
+    open_bin: bool = False  # there is one bin, its height may be open, and plans say theirs
     obeys: tuple[str, ...] = ()  # columns of items that other objectives refuse: PROFIT
     on_grid: Callable[..., Any] | None = None
     """(instance, packing, alpha, beta) -> float32[], a cost; see `jaxpack.model.metrics`."""
