@@ -79,7 +79,7 @@ if TYPE_CHECKING:
         sample as sample,
         uniform_instance as uniform_instance,
     )
-    from jaxpack.model.objectives import (
+    from jaxpack.model.metrics import (
         bins_first_cost as bins_first_cost,
         bins_used as bins_used,
         compactness as compactness,
@@ -144,7 +144,7 @@ else:  # the same names once more: a type checker reads neither this nor what it
         "methods": "Method MethodOptions make_method",
         "packing.first_fit": "pack",
         "model.instances": "Cell Distribution sample uniform_instance",
-        "model.objectives": (
+        "model.metrics": (
             "bins_first_cost bins_used compactness lower_bound paper_cost pyramid utilisation"
         ),
         "model.problem": "Instance Packing Problem in_orientation make_instance",

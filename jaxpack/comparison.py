@@ -25,7 +25,7 @@ from jaxpack.io.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
 from jaxpack.model.instances import Cell, Distribution, uniform_instance
-from jaxpack.model.objectives import (
+from jaxpack.model.metrics import (
     bins_used,
     compactness,
     lower_bound,

@@ -73,6 +73,10 @@ class CommandOptions:
     """Corners stand along x and y on a grid of this length; anywhere if not given."""
     skip_unfit: FlagCreatePairsOff[bool] = False
     """Leave out the items that no bin can hold; otherwise they are an error."""
+    objective: str = ""
+    """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
+    column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
+    a COST, otherwise bins."""
     order: str | None = None
     """Solve only the order of that name."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
@@ -227,7 +231,13 @@ def main(argv: Sequence[str]) -> None:
     console, status = Screen(), Screen(stderr=True)
     tell = partial(say, status)
     jobs = read_orders(
-        options.items, options.bins, options.order, options.ignore, options.packingsolver, tell
+        options.items,
+        options.bins,
+        options.order,
+        options.ignore,
+        options.packingsolver,
+        options.objective,
+        tell,
     )
     how = SolveOptions(
         options.time_limit,

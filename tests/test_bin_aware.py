@@ -17,7 +17,7 @@ from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
 from jaxpack.learning.rollout import choose_orders
 from jaxpack.model.instances import sample
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
 from jaxpack.packing.candidates import footprints, rests, surroundings
 from jaxpack.packing.env import (

@@ -21,9 +21,9 @@ from jaxpack import cli
 from jaxpack.errors import UserError
 from jaxpack.io.certificates import read_certificate
 from jaxpack.io.plans import read_plan_json
-from jaxpack.model.bounds import bounds
 from jaxpack.model.figures import total_cost
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.portfolio import End, Progress
 from jaxpack.search.quick import pack_quickly

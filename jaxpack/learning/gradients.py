@@ -15,7 +15,7 @@ from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.pointer import apply_value, sample_order
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
-from jaxpack.model.objectives import bins_used, compactness, pyramid
+from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, mean_over_batch

@@ -8,11 +8,11 @@ from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.parameters import Params, PointerConfig
 from jaxpack.learning.policies import Network
+from jaxpack.model import objectives
 from jaxpack.model.instances import Cell, Distribution
-from jaxpack.model.objectives import bins_first_cost, paper_cost
 from jaxpack.model.problem import Instance, Packing, Problem
 
-OBJECTIVES = {"paper": paper_cost, "bins": bins_first_cost}
+OBJECTIVES = {n: one.on_grid for n, one in objectives.OBJECTIVES.items() if one.on_grid}
 CHOICES: dict[str, tuple[str, ...]] = {
     "objective": tuple(OBJECTIVES),
     "learner": ("critic", "leave-one-out", "self-label"),

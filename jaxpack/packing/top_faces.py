@@ -103,7 +103,7 @@ class TopFaces:
         # A new line's ground is that of the line before it, as far as it reached.
         row = row_at(tiles.lines_x, state.x, pred_x, state.heights, axis=0)
         column = row_at(tiles.lines_y, state.y, pred_y, state.heights, axis=1)
-        both = row_at(tiles.lines_y, state.y, pred_y, row[None], axis=1)
+        both = jnp.where(state.y == pred_y, row, self.dtype.type(0)).max(0)
         column = jnp.where(indices(x) == new_x, both, column)
 
         def tile(n: Array, heights: Array) -> Array:
@@ -180,11 +180,13 @@ class Corners(NamedTuple):
 
             return jax.lax.cond(hopeful.any(), first_of_tile, lambda: best)
 
-        y, x, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)[-3:]
+        *_, place, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)
+        bits = _bits(self.z.dtype)
+        x, y = (part.astype(z.dtype) for part in (place & ((1 << bits) - 1), place >> bits))
         return (x, y, z), z < np.iinfo(z.dtype).max
 
     def _keys(self, rule: Rule, n: Array) -> tuple[list[Array], Array]:
-        """(the rule's keys, then y, x and z; whether that is inside the bin) of a tile."""
+        """(the rule's keys, then y and x as one, and z; whether it is inside the bin) of a tile."""
         x, y = self.tiles.x(self.state.x, n)[:, None], self.tiles.y(self.state.y, n)[None]
         z = self.tiles.cells(self.z, n)
         at_x, at_y = self.tiles.start(n)
@@ -195,7 +197,10 @@ class Corners(NamedTuple):
             x, y, z, self.size, self.room,
             lambda: self._contact(x, y, z), lambda: self._waste(x, y, z),
         )  # fmt: skip
-        keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), y, x, z)]
+        place = (y.astype(_place_dtype(z.dtype)) << _bits(z.dtype)) + x.astype(
+            _place_dtype(z.dtype)
+        )
+        keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), place, z)]
         return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
 
     def _carried(self, n: Array) -> Array:
@@ -253,6 +258,16 @@ class Corners(NamedTuple):
 
         base = self.size[0].astype(jnp.float32) * self.size[1].astype(jnp.float32)
         return jax.lax.fori_loop(0, self.state.used.max(), without, z.astype(jnp.float32) * base)
+
+
+def _bits(dtype: np.dtype) -> int:
+    """Of a coordinate in the bin."""
+    return 14 if dtype == np.int16 else 30
+
+
+def _place_dtype(dtype: np.dtype) -> np.dtype:
+    """Of two coordinates as one number."""
+    return np.dtype("int32" if dtype == np.int16 else "int64")
 
 
 def _overlap(start: Array, end: Array, near: Array, far: Array) -> Array:

@@ -25,12 +25,14 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
+from jaxpack.model.objectives import objective_of
 from jaxpack.packing.top_faces import SHORT, TopFaces
 from jaxpack.search.local_search import (
     ANNEAL,
     AS_GIVEN,
     BREED,
     Best,
+    Decoding,
     Lanes,
     advance,
     exchange,
@@ -47,7 +49,7 @@ EXCHANGE = 4  # dispatches after which those that breed and those that anneal sh
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
-def encode(loading: Loading) -> tuple[TopFaces, Stock]:
+def encode(loading: Loading) -> tuple[Decoding, Stock]:
     """What is static of the program, and the stock padded to the next size that has one."""
     items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
     most = _power_of_two(most_together(loading.stock))
@@ -55,7 +57,8 @@ def encode(loading: Loading) -> tuple[TopFaces, Stock]:
     surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
     stock = padded(loading.stock, items, bins)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
-        return surface, jax.tree.map(jnp.asarray, stock)
+        on_device: Stock = jax.tree.map(jnp.asarray, stock)
+    return Decoding(surface, loading.rules.position, objective_of(loading.job).cost), on_device
 
 
 def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:
@@ -84,7 +87,7 @@ def search(
         wanted: asked between dispatches.
     """
     end = perf_counter() + seconds
-    surface, stock = encode(loading)
+    decoding, stock = encode(loading)
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many)
     if first:
@@ -92,7 +95,7 @@ def search(
         genes = jax.tree.map(
             lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
         )
-    lanes = dispatch(surface, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
+    lanes = dispatch(decoding, stock, fresh_lanes(seed_of(seed), to_device(genes)))
     yield lanes.best, many
     drawn, guests = None, list[Genes]()
     with ThreadPoolExecutor() as threads:
@@ -103,14 +106,15 @@ def search(
             sorts = to_device(first_genes(loading, stock, seed, DRAWN))
             drawn = threads.submit(policy_genes, loading, own, sorts, policy, seed)
         # Two on every core, which take turns: the even ones breed, the odd ones anneal.
-        keys = jax.random.split(lanes.key, 2 * min(usable_cores(), 8))
-        islands = [lanes._replace(key=key) for key in keys]
+        islands = [
+            lanes._replace(seed=seed_of(seed, n)) for n in range(1, 1 + 2 * min(usable_cores(), 8))
+        ]
         turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
         while (now := perf_counter()) + max(lasted) < end and wanted():
             heat = HEAT * ((end - now) / seconds) ** 2
             how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
             visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
-            some = partial(dispatch, surface, stock, how=how, rounds=rounds, heat=heat)
+            some = partial(dispatch, decoding, stock, how=how, rounds=rounds, heat=heat)
             done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
                                     zip(mine, visits, strict=True)))  # fmt: skip
             tried = many * (rounds * len(done) + (visits[-1] is not None))
@@ -132,7 +136,7 @@ def to_device(genes: Genes) -> Genes:
 
 
 def dispatch(
-    surface: TopFaces,
+    decoding: Decoding,
     stock: Stock,
     lanes: Lanes,
     how: int = AS_GIVEN,
@@ -142,9 +146,14 @@ def dispatch(
 ) -> Lanes:
     """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
     if guests:
-        lanes = join(lanes, dispatch(surface, stock, fresh_lanes(lanes.key, guests)))
-    numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-    return jax.block_until_ready(advance(surface, stock, lanes, *numbers))
+        lanes = join(lanes, dispatch(decoding, stock, fresh_lanes(lanes.seed, guests)))
+    numbers = np.int32(rounds), np.float32(heat), np.int32(how)
+    return jax.block_until_ready(advance(decoding, stock, lanes, *numbers))
+
+
+def seed_of(seed: int, island: int = 0) -> np.ndarray:
+    """The data of a PRNG key, as NumPy's: to make a key would take a program."""
+    return np.array([island, seed], np.uint32)
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:

@@ -8,10 +8,11 @@ from time import perf_counter
 
 import numpy as np
 
-from jaxpack.model.bounds import Bounds, bounds
+from jaxpack.model.bounds import Bounds
 from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job, plan_of
-from jaxpack.model.figures import plan_worth, total_cost
+from jaxpack.model.figures import total_cost
 from jaxpack.model.job import Job, Plan
+from jaxpack.model.objectives import bounds, objective_of
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import SearchProcess, borrow, give_back
 from jaxpack.search.quick import Best, quick_plan, search_quickly
@@ -89,6 +90,7 @@ def improve(
         InvalidPlanError: never, unless this program is wrong.
     """
     begun = perf_counter()
+    job = objective_of(job).prepared(job)
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
     record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
     sorting = perf_counter()
@@ -115,6 +117,7 @@ class _Record:
     def __init__(self, loading: Loading, bounds: Bounds, begun: float) -> None:
         self.loading, self.bounds, self.begun = loading, bounds, begun
         self.packings, self.cost = 0, inf
+        self.worth = objective_of(loading.job).worth
         self.plan: Plan | None = None
 
     def with_one(self, found: Best | None, tried: int) -> Progress | None:
@@ -126,13 +129,12 @@ class _Record:
         genes, loading = found.genes, self.loading
         types = cheapest_types(loading, genes.turn, found.bin, found.corner)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
-        worth = plan_worth(loading.job, plan)
-        if self.plan and worth >= plan_worth(loading.job, self.plan):
+        worth = self.worth(loading.job, plan)
+        if self.plan and worth >= self.worth(loading.job, self.plan):
             return None
         check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
         self.plan = plan
-        reached = self.bounds.reached_by(loading.job, plan)
-        return self.progress(End.BOUND if reached else None)
+        return self.progress(End.BOUND if worth <= self.bounds.worth else None)
 
     def progress(self, end: End | None) -> Progress:
         """What there is now."""
@@ -178,7 +180,9 @@ class _Searches:
             yield found, int(found is not None)
 
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
-        policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
+        job = self.loading.job
+        draws = self.options.policy and not objective_of(job).open_bin  # it sees shares of a bin
+        policy = f"bin-aware-{job.dimension}d-turned" if draws else ""
         left = self.end - perf_counter()
         self.ready = False
         process.ask(self.loading, self.options.seed, left, best.genes, policy)

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxpack.model.encoding import Genes, Loading, Stock, lane_genes
+from jaxpack.model.encoding import Genes, Loading, lane_genes
+from jaxpack.model.objectives import Placed, objective_of
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
 
-WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
 HEAT = 0.05  # rises of this size are accepted one time in three, in prices
@@ -43,8 +43,25 @@ def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Be
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
-        genes = stand_in_columns(loading, genes, bin, corner)
-    return Best(genes, bin, corner, cost_of(loading.stock, bin))
+        if objective_of(loading.job).open_bin:
+            genes = _low_columns(loading, genes, bin, corner)
+        else:
+            genes = stand_in_columns(loading, genes, bin, corner)
+    return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
+
+
+def _low_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Genes:
+    """All items in columns, low ones that stand in the one bin: those of a half might not."""
+    stock = loading.stock
+    x, y, z = stock.bins[0].tolist()
+    sizes = stock.sizes[np.arange(len(bin)), genes.turn].astype(np.float64)
+    height = int(max(sizes[:, 2].max(), sizes.prod(1).sum() / (x * y)))
+    while True:
+        bin[:] = -1
+        new = stand_in_columns(loading, genes, bin, corner, height)
+        if (bin >= 0).all() or height >= z:
+            return new
+        height += 1 + height // 4
 
 
 def search_quickly(loading: Loading, seed: int, first: Best, stop: Stop) -> Iterator[Best | None]:
@@ -207,21 +224,16 @@ def genes_of(loading: Loading, runs: list[Run], pool: np.ndarray) -> Genes:
     return Genes(order, turn, pool)
 
 
-def cost_of(stock: Stock, bin: np.ndarray) -> float:
-    """Price of the bins, then how unevenly they are filled, as in `local_search`."""
-    volume = stock.sizes[:, 0].astype(np.float64).prod(1)
-    room = stock.bins.astype(np.float64).prod(1)
-    packed = bin >= 0
-    held = np.bincount(bin[packed], volume[packed], len(room))
-    even = float((held * held / room).sum() / max(held.sum(), 1e-9))
-    missing = float((~packed).mean())
-    left_out = float(stock.penalty) * (1 + missing) if missing else 0.0
-    return float(stock.price[held > 0].sum()) + WEIGHT_OF_FILL * (1 - even) + left_out
+def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> float:
+    """What a packing costs to the search: see `Objective.cost`."""
+    lies = loading.stock.sizes[np.arange(len(bin)), genes.turn]
+    placed = Placed(bin, corner, lies)
+    return float(objective_of(loading.job).cost(np, loading.stock, placed))
 
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
     bin, corner = pack_quickly(loading, genes, stop)
-    return None if stop() else Best(genes, bin, corner, cost_of(loading.stock, bin))
+    return None if stop() else Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
 
 
 def _changed(
