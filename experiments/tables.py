@@ -12,8 +12,9 @@ from pathlib import Path
 from rich.console import Console
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack import Cell, Comparison, MethodOptions, Row, compare, make_method, preset
+from jaxpack import Cell, Comparison, MethodOptions, compare, make_method, preset
 from jaxpack.cli import prepare_jax
+from jaxpack.comparison import Row
 from jaxpack.tables import paper_row, print_table
 
 METHODS = ("random", "volume", "footprint", "height", "best-of-1000", "brkga", "pointer")

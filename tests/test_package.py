@@ -44,26 +44,40 @@ def test_nothing_is_imported_before_it_is_needed(lines, allowed):
 
 
 def names_for_type_checkers():
-    """Name -> module of what `jaxpack/__init__.py` imports for type checkers alone."""
-    tree = ast.parse(Path(jaxpack.__file__).read_text())
-    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    """Name -> module of what `jaxpack/__init__.pyi` imports."""
+    tree = ast.parse(Path(jaxpack.__file__).with_suffix(".pyi").read_text())
     return {
         alias.asname: importlib.import_module(line.module)
-        for line in block.body
+        for line in tree.body
+        if isinstance(line, ast.ImportFrom)
         for alias in line.names
         if alias.name == alias.asname  # what makes it public for them
     }
 
 
+PUBLIC = names_for_type_checkers()
+
+
 def test_every_name_is_there_for_a_program_and_for_a_type_checker():
-    promised = names_for_type_checkers()
-    assert sorted(promised) == jaxpack.__all__
-    for name, home in promised.items():
+    assert sorted(PUBLIC) == jaxpack.__all__
+    for name, home in PUBLIC.items():
         if name != "solve":  # shares its name with a module, below
             assert getattr(jaxpack, name) is getattr(home, name)
     assert set(jaxpack.__all__) <= set(dir(jaxpack))
     with pytest.raises(AttributeError, match="'choose_turned'"):
         jaxpack.choose_turned  # noqa: B018
+
+
+OLD = [(home, name) for home, names in jaxpack._MOVED.items() for name in names.split()]
+
+
+@pytest.mark.parametrize(("home", "name"), OLD)
+def test_a_name_that_has_moved_still_works_and_says_where_it_is(home, name):
+    with pytest.warns(DeprecationWarning, match=f"import it from {home}$") as warned:
+        found = getattr(jaxpack, name)
+    assert warned[0].filename == __file__
+    assert found is getattr(importlib.import_module(home), name)
+    assert name not in dir(jaxpack)
 
 
 STATEMENTS = (

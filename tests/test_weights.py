@@ -17,13 +17,13 @@ from jaxpack import (
     Policy,
     UserError,
     compare,
-    init_pointer,
     load_policy,
     make_method,
     preset,
     save_policy,
 )
 from jaxpack.io.weights import shipped_policies
+from jaxpack.learning.pointer import init_pointer
 
 RECIPE = preset("paper-2d")
 
