@@ -35,11 +35,11 @@ SENTENCES = {
 class Solution:
     """A plan that has passed the independent check, and how good it is."""
 
-    job: Job
-    plan: Plan
+    job: Job  # what was packed
+    plan: Plan  # bins, and the placements in each in loading order
     figures: PlanFigures  # bins, utilisation, weight, cost, left_out
     bounds: Bounds  # what no plan can do without
-    seconds: float
+    seconds: float  # from the start of the search to its end
     packings: int  # that were tried
     end: End  # what ended the search
     notes: tuple[str, ...] = ()  # what was assumed of the tables, a line each
@@ -128,6 +128,9 @@ def solve(
         skip_unfit: leave out items that no bin can hold; otherwise they are an error.
         dimension: 2 or 3, where the tables must be of that; their columns say it.
         ignore: columns of the tables that need not be obeyed.
+
+    Returns:
+        The best plan found, checked, in the units of the tables.
 
     Raises:
         UserError: where anything in it is wrong, in one line.

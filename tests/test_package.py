@@ -2,11 +2,13 @@
 
 import ast
 import importlib
+import inspect
 import itertools
 import re
 import subprocess
 import sys
 import tomllib
+import typing
 from pathlib import Path
 
 import pytest
@@ -66,6 +68,30 @@ def test_every_name_is_there_for_a_program_and_for_a_type_checker():
     assert set(jaxpack.__all__) <= set(dir(jaxpack))
     with pytest.raises(AttributeError, match="'choose_turned'"):
         jaxpack.choose_turned  # noqa: B018
+
+
+PURE = {"sample", "make_train", "reset", "candidates", "step"}  # made for jit: they refuse nothing
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_says_what_it_takes(name):
+    thing = getattr(PUBLIC[name], name)
+    text = inspect.getdoc(thing)
+    assert text
+    if not inspect.isclass(thing):
+        for argument in inspect.signature(thing).parameters:
+            assert re.search(rf"^ +([\w, ]+, )?{argument}(, [\w, ]+)?: ", text, re.MULTILINE), (
+                argument
+            )
+        assert not inspect.signature(thing).parameters or "Raises:" in text or name in PURE
+    elif not issubclass(thing, Exception):
+        lines = inspect.getsource(thing).splitlines()
+        for field in typing.get_type_hints(thing):
+            if re.search(rf"^    {field}: ", text, re.MULTILINE):
+                continue  # under "Attributes:"
+            (at,) = [n for n, line in enumerate(lines) if re.match(rf"    {field}: ", line)]
+            here = "  # " in lines[at] or lines[at - 1].startswith("    # ")
+            assert here or lines[at + 1].startswith('    """'), field
 
 
 OLD = [(home, name) for home, names in jaxpack._MOVED.items() for name in names.split()]

@@ -51,7 +51,7 @@ def read_job(
     packingsolver: bool = False,
     say: Say = silent,
 ) -> list[Job]:
-    """The jobs of a file: one, or of a BED-BPP file one per order.
+    """The jobs of a file, in its units: one, or of a BED-BPP file one per order.
 
     Args:
         items: a file .csv, .xlsx, .ins2D or .json.

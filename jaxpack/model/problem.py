@@ -43,6 +43,9 @@ class Problem:
             bound makes placement faster. None: as large as the bin.
         support: share of an item's footprint that must rest at the item's own height, 0 to 1.
         inclusive: whether exactly that share is enough ("at least") or not ("more than").
+
+    Raises:
+        UserError: where a side is not whole, there are too many cells, or the share is none.
     """
 
     bin: tuple[int, int, int]
