@@ -206,8 +206,7 @@ def _job(items: Any, bins: Any, ignore: str | Sequence[str], say: Say) -> Job:
         return job_from_columns(items, bins, ignore=ignore, say=say)
     if bins is not None and not isinstance(bins, paths):
         raise UserError("bins: give the path of a file, as the items are in one")
-    room = None if bins is None else Path(bins)
-    jobs = read_job(Path(items), room, ignore=ignore, say=say)
+    jobs = read_job(items, bins, ignore=ignore, say=say)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

@@ -6,6 +6,7 @@ Both are plain data. Loading never unpickles: nothing in a file is executed.
 import json
 import os
 from importlib import resources
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ def load_policy(name: str) -> Policy:
     return _read(path)
 
 
-def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
+def save_policy(path: str | PathLike[str], policy: Policy, provenance: dict[str, Any]) -> None:
     """Writes a policy's weights, and beside them its recipe and where it comes from as .json.
 
     Args:
@@ -63,6 +64,7 @@ def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
     Raises:
         OSError: where a file cannot be written.
     """
+    path = Path(path)
     arrays = {name: np.asarray(value) for name, value in _by_name(policy.params).items()}
     record = provenance | {"config": config_to_dict(policy.config)}
     with replace_file(path, "wb") as file:

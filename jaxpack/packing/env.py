@@ -164,7 +164,8 @@ def step(
     Args:
         problem: the rules, static.
         kinds: as `reset` returned them.
-        state, choices: as `candidates` returned them.
+        state: as `candidates` returned it.
+        choices: as `candidates` returned them.
         kind: int32 [B], the row that is chosen.
     """
 
