@@ -1,4 +1,4 @@
-"""The README's tables: our rows beside Wang and Dong's Tables I and II, as CSV.
+"""The tables of docs/benchmarks.md: our rows beside Wang and Dong's Tables I and II, as CSV.
 
 python experiments/tables.py 2d|3d [METHOD ...]     (4 and 15 minutes on two cores)
 
