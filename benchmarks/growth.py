@@ -15,9 +15,10 @@ import matplotlib.pyplot as plt
 from jax import Array
 
 from benchmarks.timing import RESULTS, report, seconds
-from jaxpack import BrkgaConfig, Distribution, Instance, Problem, brkga, pack, preset, sample
+from jaxpack import Distribution, Instance, Problem, pack, preset, sample
 from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
 from jaxpack.packing.height_map import LARGE_WINDOW
+from jaxpack.search.brkga import BrkgaConfig, brkga
 
 SIDE_BY_SIDE = 16  # instances, where it is not the batch that grows
 

@@ -40,7 +40,7 @@ class MethodOptions:
     """What the methods that search or learn need to know."""
 
     objective: str = "bins"  # of everything that searches: bins first, or the paper's R
-    brkga: BrkgaConfig = BrkgaConfig()
+    brkga: BrkgaConfig = BrkgaConfig()  # of brkga and brkga-seeded
     brkga_seeded: bool = True  # start brkga from the sorts
     policy: Policy | None = None  # of pointer or of bin-aware; the shipped ones where it is not
     bin_aware: str | None = None  # the shipped one's name, else that of the problem's dimension
@@ -62,7 +62,22 @@ class Method:
 
 
 def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
-    """The method with this name. Raises UserError where there is none, naming those there are."""
+    """The method with this name.
+
+    Args:
+        name: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
+            bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search or brkga-seeded.
+        problem: the rules that it packs by.
+        options: what a method that searches or learns needs to know.
+
+    Returns:
+        Its `orders(keys, instances)` is pure, jit it: typed PRNG keys [B] and instances [B, ...] to
+        orders int32 [B, N]. See `compare`.
+
+    Raises:
+        UserError: where there is none, naming those there are; or the policy given is of another
+            kind or for another dimension.
+    """
     objective = OBJECTIVES[options.objective]
     if name == "random":
         return Method(jax.vmap(random_order))

@@ -37,11 +37,11 @@ SENTENCES = {
 class Solution:
     """A plan that has passed the independent check, and how good it is."""
 
-    job: Job
-    plan: Plan
+    job: Job  # what was packed
+    plan: Plan  # bins, and the placements in each in loading order
     figures: PlanFigures  # bins, utilisation, weight, cost, left_out
     bounds: Bounds  # what no plan can do without
-    seconds: float
+    seconds: float  # from the start of the search to its end
     packings: int  # that were tried
     end: End  # what ended the search
     notes: tuple[str, ...] = ()  # what was assumed of the tables, a line each
@@ -155,6 +155,9 @@ def solve(
             volume without it), where bins without COPIES are one and items may be left out; height,
             the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
 
+    Returns:
+        The best plan found, checked, in the units of the tables.
+
     Raises:
         UserError: where anything in it is wrong, in one line.
     """
@@ -230,8 +233,7 @@ def _job(items: Any, bins: Any, ignore: str | Sequence[str], objective: str, say
         return job_from_columns(items, bins, ignore=ignore, objective=objective, say=say)
     if bins is not None and not isinstance(bins, paths):
         raise UserError("bins: give the path of a file, as the items are in one")
-    room = None if bins is None else Path(bins)
-    jobs = read_job(Path(items), room, ignore=ignore, objective=objective, say=say)
+    jobs = read_job(items, bins, ignore=ignore, objective=objective, say=say)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

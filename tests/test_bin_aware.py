@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from cases import packer, random_cases
 
-from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
-from jaxpack.learning.bin_network import init_network, look, scores
+from jaxpack import Distribution, Problem, TrainConfig, UserError
+from jaxpack.learning.beam import beam_orders
+from jaxpack.learning.bin_network import BinAwareConfig, init_network, look, scores
 from jaxpack.learning.gradients import policy_gradient
 from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D

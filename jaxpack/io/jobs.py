@@ -19,6 +19,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +48,19 @@ TABLES = (".csv", ".tsv", ".txt", *WORKBOOKS)
 
 
 def read_job(
-    items: Path,
-    bins: Path | None = None,
+    items: str | PathLike[str],
+    bins: str | PathLike[str] | None = None,
     *,
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     objective: str = "",
     say: Say = silent,
 ) -> list[Job]:
-    """The jobs of a file: one, or of a BED-BPP file one per order.
+    """The jobs of a file, in its units: one, or of a BED-BPP file one per order.
 
     Args:
-        items: a file .csv, .xlsx, .ins2D or .json.
-        bins: a table of bins, .csv or .xlsx. A table of items needs it; for the others it replaces
+        items: path of a file .csv, .xlsx, .ins2D or .json.
+        bins: of a table of bins, .csv or .xlsx. A table of items needs it; for others it replaces
             what their file says: the bin of an .ins2D file, the target of an order (a euro pallet,
             1200 x 800, if it names none, or a roll container, 800 x 700, both up to 2000 mm).
         ignore: columns that are left out of account, capitals or not.
@@ -74,6 +75,7 @@ def read_job(
         UserError: naming the file, the row and the column (of JSON the order and the key).
     """
     reading = Reading(_capitals(ignore), packingsolver, say, objective)
+    items, bins = Path(items), None if bins is None else Path(bins)
     kind = items.suffix.lower()
     if kind in TABLES:
         if bins is None:

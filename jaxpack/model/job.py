@@ -46,13 +46,13 @@ FLAT_TURNED = ("XYZ", "ZYX")  # all that 2D has: as given, and by a quarter
 
 @dataclass(frozen=True)
 class ItemType:
-    """Items of one kind."""
+    """Items that are the same in every respect. `Job` checks them."""
 
-    size: Sides
-    copies: int = 1
-    weight: float = 0.0  # of one of them
+    size: Sides  # along x, y and z as it is given, in the unit of all lengths of the job
+    copies: int = 1  # how many there are; 0 for none
+    weight: float = 0.0  # of one of them, in the unit of all weights of the job
     orientations: tuple[str, ...] = ("XYZ",)  # those that are allowed, keys of ORIENTATIONS
-    name: str = ""
+    name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
     tags: tuple[Any, ...] = field(default=(), compare=False)
     """What a file says of each copy beside all this, for files that are written."""
@@ -66,13 +66,13 @@ class ItemType:
 
 @dataclass(frozen=True)
 class BinType:
-    """Bins of one kind."""
+    """Bins that are the same in every respect. `Job` checks them."""
 
-    size: Sides  # an open one is infinitely high
+    size: Sides  # inside, along x, y and z, in the job's unit of length; open: infinitely high
     cost: float | None = None  # of one that is used; see `Job.priced`
     copies: int | None = None  # how many there are; any number if not given
-    max_weight: float = math.inf
-    name: str = ""
+    max_weight: float = math.inf  # of all that is in one of them
+    name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
 
     @property
@@ -99,10 +99,10 @@ class Job:
             into, there are too many items, or in 2D a width is not 1.
     """
 
-    items: tuple[ItemType, ...]
-    bins: tuple[BinType, ...]
+    items: tuple[ItemType, ...]  # with their copies
+    bins: tuple[BinType, ...]  # with their copies
     dimension: int = 3  # 2 or 3
-    name: str = ""
+    name: str = ""  # of the order
     objective: str = ""
     """A key of `OBJECTIVES`; not given, it is price if one of the bins has a cost, else bins."""
     rounded: float | None = field(default=None, init=False, compare=False)
@@ -270,16 +270,16 @@ def _cut_sides(entry: Entry, places: int) -> Entry:
 class Placement:
     """One item in its bin."""
 
-    item: int  # index in Job.items
+    item: int  # index in Job.items, from 0
     orientation: str  # key of ORIENTATIONS
-    corner: Sides  # x, y, z of the front-bottom-left corner
+    corner: Sides  # x, y, z of the corner that is nearest to the origin, in the job's unit
 
 
 @dataclass(frozen=True)
 class PackedBin:
     """One bin that is used."""
 
-    bin: int  # index in Job.bins
+    bin: int  # index in Job.bins, from 0
     placements: tuple[Placement, ...]  # in loading order: each rests on earlier ones or the floor
     height: float | None = None  # below which they lie; that of the bin type if not given
 
@@ -288,5 +288,5 @@ class PackedBin:
 class Plan:
     """A packing of a job."""
 
-    bins: tuple[PackedBin, ...]
+    bins: tuple[PackedBin, ...]  # in the order in which they were opened
     left_out: tuple[int, ...] = ()  # index in Job.items of every copy that was not packed

@@ -58,6 +58,7 @@ def reset(problem: Problem, instance: Instance, kinds: int | None = None) -> tup
     """The state before the first choice.
 
     Args:
+        problem: the rules, static.
         instance: leaves with a trailing batch: size [N, 3, B], mask [N, B], bin [3, B],
             turned [N, O, 3, B] or None.
         kinds: at least the number of distinct sizes in an instance (with their orientations);
@@ -119,6 +120,11 @@ def candidates(problem: Problem, kinds: Kinds, state: BinState) -> tuple[BinStat
     """The choices, after a new bin was opened where nothing that remains fits the current one.
 
     The state that comes back is the one that the choices belong to.
+
+    Args:
+        problem: the rules, static.
+        kinds: as `reset` returned them.
+        state: as `reset` or `step` returned it.
     """
     _, window_y = problem.window
     length, width, height = kinds.sides
@@ -154,10 +160,14 @@ def candidates(problem: Problem, kinds: Kinds, state: BinState) -> tuple[BinStat
 def step(
     problem: Problem, kinds: Kinds, state: BinState, choices: Candidates, kind: Array
 ) -> BinState:
-    """Places one item of row `kind` (int32 [B]) where the candidate says; nothing if none fits.
+    """Places one item of a row where the candidate says; nothing if none fits.
 
     Args:
-        state, choices: as `candidates` returned them.
+        problem: the rules, static.
+        kinds: as `reset` returned them.
+        state: as `candidates` returned it.
+        choices: as `candidates` returned them.
+        kind: int32 [B], the row that is chosen.
     """
 
     def chosen(table: Array) -> Array:

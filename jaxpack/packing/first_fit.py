@@ -36,6 +36,9 @@ takes longer than a vector more, from several instances on."""
 def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     """Packs the items in the given order, first fit, over as many bins as it takes.
 
+    An item stands at the lowest of its allowed positions, of several at the least y, then x (Wang
+    and Dong, section II.C).
+
     Composes with jit and with vmap over `instance`, `order` or both; vmap costs nothing, the
     kernel underneath is batched. Items that fit no empty bin get bin -1 (`make_instance` refuses
     them, inside jit nothing can).
@@ -44,6 +47,9 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         problem: the static rules.
         instance: one instance of N items.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
+
+    Returns:
+        Bins, positions and sums over every bin, int32 [N, ...] in cells.
 
     Raises:
         AssertionError: where ranks, shapes or dtypes are others; a batch takes `vmap`.
