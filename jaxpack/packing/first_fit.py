@@ -20,7 +20,7 @@ from jax.custom_batching import custom_vmap
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.height_map import LARGE_WINDOW, HeightMap, cell_dtype
-from jaxpack.packing.rules import RULES
+from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
 from jaxpack.xla.pieces import in_pieces
 from jaxpack.xla.programs import least, total, whole
@@ -113,7 +113,7 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     room = instance.bin.T.astype(dtype)
     bins = Bins((room[0], room[1], room[2]))
     items = Items(sides, needed, able)
-    packer = partial(decode, HeightMap(problem), RULES[problem.rule])
+    packer = partial(decode, HeightMap(problem), rule_named(problem.rule))
     placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
     stats = _stats_by_bin(problem, placed.bin, placed.corner, sides)
     position = jnp.stack([place.T.astype(jnp.int32) for place in placed.corner], -1)

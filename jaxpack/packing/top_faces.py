@@ -23,7 +23,7 @@ from jax import Array
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
 from jaxpack.packing.tiles import AT_ONCE, TILE, Tiles, highest, indices, row_at
-from jaxpack.xla.programs import least
+from jaxpack.xla.programs import largest_of, least
 
 SHORT = 2**14 - 2
 """Units a side, of which sums fit int16."""
@@ -164,7 +164,7 @@ class Corners(NamedTuple):
     def first(self, rule: Rule) -> tuple[Triple, Array]:
         """The position that the rule prefers; the corner means nothing where there is none."""
         kinds = jax.eval_shape(lambda: self._keys(rule, jnp.int32(0))[0])
-        nothing = [jnp.full(key.shape[-1:], _largest(key.dtype), key.dtype) for key in kinds]
+        nothing = [jnp.full(key.shape[-1:], largest_of(key.dtype), key.dtype) for key in kinds]
 
         def look(n: Array, best: list[Array]) -> list[Array]:
             keys, inside = self._keys(rule, n)
@@ -197,9 +197,8 @@ class Corners(NamedTuple):
             x, y, z, self.size, self.room,
             lambda: self._contact(x, y, z), lambda: self._waste(x, y, z),
         )  # fmt: skip
-        place = (y.astype(_place_dtype(z.dtype)) << _bits(z.dtype)) + x.astype(
-            _place_dtype(z.dtype)
-        )
+        wide = np.dtype("int32" if z.dtype == np.int16 else "int64")
+        place = (y.astype(wide) << _bits(z.dtype)) + x.astype(wide)
         keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), place, z)]
         return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
 
@@ -265,18 +264,9 @@ def _bits(dtype: np.dtype) -> int:
     return 14 if dtype == np.int16 else 30
 
 
-def _place_dtype(dtype: np.dtype) -> np.dtype:
-    """Of two coordinates as one number."""
-    return np.dtype("int32" if dtype == np.int16 else "int64")
-
-
 def _overlap(start: Array, end: Array, near: Array, far: Array) -> Array:
     """How long two stretches run side by side: float32."""
     return jnp.maximum(jnp.minimum(end, far) - jnp.maximum(start, near), 0).astype(jnp.float32)
-
-
-def _largest(dtype: np.dtype) -> float | int:
-    return float("inf") if jnp.issubdtype(dtype, jnp.floating) else int(np.iinfo(dtype).max)
 
 
 def _rounded(count: int, step: int) -> int:

@@ -24,7 +24,7 @@ from jaxpack.model.encoding import Genes, Stock
 from jaxpack.model.objectives import Cost, Placed
 from jaxpack.model.objectives.bins import bins_cost
 from jaxpack.packing.decode import Bins, Items, decode
-from jaxpack.packing.rules import RULES
+from jaxpack.packing.rules import rule_named
 from jaxpack.packing.top_faces import TopFaces
 from jaxpack.search.brkga import BrkgaConfig, crossed
 
@@ -89,7 +89,7 @@ def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[Array, A
         weight = jnp.broadcast_to(stock.weight, genes.order.shape)
         items = Items((sizes[0].T, sizes[1].T, sizes[2].T), needed.T, mask.T, weight.T)
         bins = Bins((rooms[0].T, rooms[1].T, rooms[2].T), limit.T)
-    placed = decode(surface, RULES[decoding.rule], items, bins, genes.order.T)
+    placed = decode(surface, rule_named(decoding.rule), items, bins, genes.order.T)
     slot = placed.bin.T.astype(jnp.int32)
     bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
     corner = jnp.moveaxis(jnp.stack(placed.corner, -1).astype(jnp.int32), 1, 0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, lane_genes
 from jaxpack.model.objectives import Placed, objective_of
+from jaxpack.packing.rules import RULES, Rule, rule_named
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
 
@@ -110,17 +111,18 @@ def pack_quickly(
         genes: of one lane.
         stop: asked before every placement; what follows then is not packed.
         blocks: items of a kind that follow each other are placed many at once where the ground is
-            level, row by row.
+            level, row by row; if the lowest position is taken.
     """
     stock = loading.stock
-    runs = runs_of(loading, genes, whole=blocks)
+    rule = rule_named(loading.rules.position)
+    runs = runs_of(loading, genes, whole=blocks and rule is RULES["lowest"])
     ends = np.cumsum([run.copies for run in runs])
     rows = genes.order[ends - 1]  # one of each run
     turn = [run.turn for run in runs]
     sizes = stock.sizes[rows, turn].astype(np.int64)
     filler = _Filler(
         sizes, stock.needed[rows, turn], stock.weight[rows].astype(np.int64),
-        np.asarray([run.copies for run in runs]), stop,
+        np.asarray([run.copies for run in runs]), rule, stop,
     )  # fmt: skip
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     starts, barren = ends - filler.waiting, set[int]()
@@ -151,12 +153,13 @@ class _Filler:
         needed: np.ndarray,
         weight: np.ndarray,
         count: np.ndarray,
+        rule: Rule,
         stop: Stop,
     ) -> None:
         self.size, self.needed, self.weight, self.count = size, needed, weight, count
         self.volume = size.astype(np.float64).prod(1)
         self.waiting = count.copy()
-        self.stop = stop
+        self.rule, self.stop = rule, stop
 
     def fill(self, top: TopMap, limit: float) -> Iterator[tuple[int, int, np.ndarray]]:
         """(run, which of its copies is the first, corners) of what comes into a bin."""
@@ -178,7 +181,9 @@ class _Filler:
             while self.waiting[run] and volume <= free and weight <= left:
                 if height >= refused.get((length, width), height + 1):
                     break
-                corner = top.lowest((length, width, height), int(self.needed[run]), self.stop)
+                corner = top.first(
+                    self.rule, (length, width, height), int(self.needed[run]), self.stop
+                )
                 if corner is None:
                     refused[length, width] = height
                     break

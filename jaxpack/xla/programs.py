@@ -89,10 +89,15 @@ def least(array: Array, axes: int) -> Array:
         return array.min(tuple(range(axes)))
     rows = array.reshape(-1, *array.shape[axes:])
     if rows.size < MANY:
-        largest = np.array(np.iinfo(rows.dtype).max, rows.dtype)
+        largest = np.array(largest_of(rows.dtype), rows.dtype)
         # Any function that is not `minimum`, which XLA would know.
         return jax.lax.reduce(rows, largest, lambda a, b: jnp.where(a < b, a, b), (0,))
     return _folded(jnp.minimum, rows)
+
+
+def largest_of(dtype: np.dtype) -> float | int:
+    """No number of the type is larger."""
+    return math.inf if jnp.issubdtype(dtype, jnp.floating) else int(np.iinfo(dtype).max)
 
 
 def total(array: Array, axes: int) -> Array:
