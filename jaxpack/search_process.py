@@ -16,11 +16,12 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any
 
-from jaxpack.cli import cache_folder, prepare_jax
+from jaxpack.cli import prepare_jax
 from jaxpack.errors import UserError
 from jaxpack.io.locks import held
 from jaxpack.model.encoding import Genes
 from jaxpack.search.requests import DONE, STOP, Found, Request
+from jaxpack.xla.target import cache_folder
 
 KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
 

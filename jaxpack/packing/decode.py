@@ -18,13 +18,11 @@ from jax import Array
 
 from jaxpack.packing.rules import Rule
 from jaxpack.packing.surface import Surface, Triple
-from jaxpack.xla.programs import least, loops_are_whole
+from jaxpack.xla.programs import least
+from jaxpack.xla.target import target
 
 MANY_ITEMS = 128
 """From so many on, a turn less for what would be refused is worth looking for it."""
-
-TURNS = 4
-"""On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
 
 ROUNDING = 2.0**-22  # of one sum of volumes in float32, which are rounded
 
@@ -161,7 +159,7 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         )
 
     def turns(now: _Turn) -> _Turn:
-        for _ in range(1 if jax.default_backend() == "cpu" else TURNS):
+        for _ in range(target().turns):
             now = turn(now)  # of no effect once nothing is left
         return now
 
@@ -293,7 +291,7 @@ def _sorted(tables: list[Array], order: Array, dtype: np.dtype) -> tuple[list[Ar
     N, batch = order.shape
     lane = jnp.arange(batch, dtype=jnp.int32)
     number = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
-    if not loops_are_whole():
+    if not target().whole_loops:
         rank_of = jnp.zeros_like(number).at[order, lane].set(number, unique_indices=True)
         return [table.at[order, lane].get(mode="promise_in_bounds") for table in tables], rank_of
 

@@ -24,6 +24,7 @@ from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
 from jaxpack.xla.pieces import in_pieces
 from jaxpack.xla.programs import least, total, whole
+from jaxpack.xla.target import Target, target, traced_for
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
@@ -59,17 +60,18 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     chex.assert_shape([instance.mask, order], (len(instance.size),))
     chex.assert_shape(instance.size, (None, 3))
     one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
-    packing = _batched(problem)(*one)
+    packing = _batched(problem, target())(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)
 
 
 @cache
-def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
+def _batched(problem: Problem, made_for: Target) -> Callable[[Instance, Array], Packing]:
     """A packer of batches (leaves [B, ...]) in which a vmap becomes a larger B, not a new axis."""
 
     @custom_vmap
     def packer(instance: Instance, order: Array) -> Packing:
-        return _in_pieces(problem, instance, order)
+        with traced_for(made_for):
+            return _in_pieces(problem, instance, order)
 
     @packer.def_vmap
     def _(size: int, batched: tuple, instance: Instance, order: Array):  # type: ignore[no-untyped-def]
@@ -81,14 +83,14 @@ def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
         split = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), packing)
         return split, jax.tree.map(lambda _: True, packing)
 
-    # Compiled once per problem and shape, also where the caller does not jit.
+    # Compiled once per problem, target and shape, also where the caller does not jit.
     return jax.jit(packer)
 
 
 def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
     batch = order.shape[0]
-    if jax.default_backend() != "cpu" or batch < SEVERAL:
+    if not target().cpu or batch < SEVERAL:
         return _first_fit(problem, instance, order)
     most, vector = LANES, VECTOR // cell_dtype(problem).itemsize
     if max(problem.window) >= LARGE_WINDOW:

@@ -11,7 +11,7 @@ one draw of all the random numbers of a round.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.top_faces import TopFaces
 from jaxpack.search.brkga import BrkgaConfig, crossed
+from jaxpack.xla.target import Target, target, traced_for
 
 QUICKLY = {"xla_backend_optimization_level": 1}
 """What XLA is asked for: a third less to compile, and the program is no slower for it."""
@@ -41,6 +42,7 @@ class Decoding:
     rule: str = "lowest"  # of positions, a name in `jaxpack.packing.rules`
     cost: Cost = bins_cost  # an objective's
     breeding: BrkgaConfig = BrkgaConfig()  # of it the shares
+    made_for: Target = field(default_factory=target)
 
 
 class Best(NamedTuple):
@@ -89,7 +91,8 @@ def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[Array, A
         weight = jnp.broadcast_to(stock.weight, genes.order.shape)
         items = Items((sizes[0].T, sizes[1].T, sizes[2].T), needed.T, mask.T, weight.T)
         bins = Bins((rooms[0].T, rooms[1].T, rooms[2].T), limit.T)
-    placed = decode(surface, rule_named(decoding.rule), items, bins, genes.order.T)
+    with traced_for(decoding.made_for):
+        placed = decode(surface, rule_named(decoding.rule), items, bins, genes.order.T)
     slot = placed.bin.T.astype(jnp.int32)
     bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
     corner = jnp.moveaxis(jnp.stack(placed.corner, -1).astype(jnp.int32), 1, 0)
