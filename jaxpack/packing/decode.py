@@ -54,7 +54,7 @@ class _Turn(NamedTuple):
     """Between two turns. Ranks are places in the packing order, from 0; N is none."""
 
     state: Any  # of the surface: the bin that is filled
-    room: Triple  # [B], its sides
+    room: Triple | None  # [B], its sides; of bins that are all alike None
     slot: Array  # integer [B], which bin that is
     began: Array  # bool [B], whether something lies in it
     rank: Array  # integer [B], of the item that is offered next
@@ -114,14 +114,14 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
 
     def turn(now: _Turn) -> _Turn:
         size, needed, weight = now.item
-        found = now.rank < N
-        candidates, state = surface.candidates(now.state, size, needed, now.room, found)
+        found, room = now.rank < N, now.room or bins.size
+        candidates, state = surface.candidates(now.state, size, needed, room, found)
         corner, fits = candidates.first(rule)
         fits &= found
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
         kept = corner[::2] if surface.flat else corner
-        left, room, shut = now.left, now.room, now.shut
+        left, shut = now.left, now.shut
         if many:
             # What is like a refused item, or higher, is refused too until something comes in.
             shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
@@ -144,7 +144,7 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         rank = jnp.where(opens, following - N, jnp.minimum(following, N)).astype(ranks)
         return _Turn(
             state=surface.place(state, size, corner, fits, room, opens),
-            room=room,
+            room=now.room and room,
             slot=jnp.where(opens, slot, now.slot).astype(slots),
             began=began & ~opens,
             rank=rank,
@@ -178,7 +178,7 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         rank = stock.following(bin, jnp.zeros_like(items.waiting), left, left) - N
     nothing = jnp.zeros((N, batch), dtype)
     start = _Turn(
-        surface.empty(room), room, slot, jnp.zeros(batch, bool), rank.astype(ranks),
+        surface.empty(room), None if stock is None else room, slot, jnp.zeros(batch, bool), rank.astype(ranks),
         fetched(rank.astype(ranks)), left,
         jnp.zeros((N if many else 1, batch), bool), bin, (nothing,) * (2 if surface.flat else 3),
     )  # fmt: skip
