@@ -177,10 +177,11 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         left, room = stock.opened(slot, items.waiting.sum(0, dtype=jnp.int32))
         rank = stock.following(bin, jnp.zeros_like(items.waiting), left, left) - N
     nothing = jnp.zeros((N, batch), dtype)
+    rank = rank.astype(ranks)
     start = _Turn(
-        surface.empty(room), None if stock is None else room, slot, jnp.zeros(batch, bool), rank.astype(ranks),
-        fetched(rank.astype(ranks)), left,
-        jnp.zeros((N if many else 1, batch), bool), bin, (nothing,) * (2 if surface.flat else 3),
+        surface.empty(room), None if stock is None else room, slot, jnp.zeros(batch, bool), rank,
+        fetched(rank), left, jnp.zeros((N if many else 1, batch), bool), bin,
+        (nothing,) * (2 if surface.flat else 3),
     )  # fmt: skip
     done = jax.lax.while_loop(more, turns, start)
     x, *y, z = done.corner
