@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jaxpack.model.job import BinType, Job
-from jaxpack.model.objectives import gap, objective_of
+from jaxpack.model.objectives import objective_of
 from jaxpack.search.portfolio import Progress
 from jaxpack.solution import Solution
 
@@ -29,19 +29,19 @@ class Screen(Console):
         raise BrokenPipeError
 
 
-def live_figures(job: Job, found: Progress) -> str:
+def live_figures(found: Progress) -> str:
     """The live line. In floats: exact figures of a large plan take seconds."""
+    job = found.job
     room = sum(math.prod(job.room(packed)) for packed in found.plan.bins)
     items = (put.item for packed in found.plan.bins for put in packed.placements)
     fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
     parts, goal = [counted(found.bins, "bin"), f"fill {_percent(fill)}"], objective_of(job)
     if goal.figure:
-        parts.insert(0, f"{goal.figure} {_number(goal.measure(job, found.plan))}")
+        parts.insert(0, f"{goal.figure} {_number(found.measure)}")
     if found.plan.left_out and not goal.leaves_out:  # the bound may be that of a larger load
         parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
     else:
-        above = gap(job, found.plan, found.bounds)
-        parts.append("gap unknown" if above is None else f"gap {_percent(above)}")
+        parts.append("gap unknown" if found.gap is None else f"gap {_percent(found.gap)}")
     return ", ".join(parts)
 
 

@@ -105,8 +105,8 @@ def _serve(request: Request, replies: IO[bytes], wanted: Callable[[], bool]) -> 
     loading, count, slots = request.loading, len(request.loading.items), len(request.loading.bins)
     policy = load_policy(request.policy) if request.policy else None
     cost = float("inf")
-    found = search(loading, request.seed, request.seconds, request.first, policy, wanted)
-    for best, packings in found:
+    how = request.seed, request.seconds, request.first, policy, wanted, request.packings
+    for best, packings in search(loading, *how):
         better, cost = float(best.cost) < cost, min(cost, float(best.cost))
         if not better:
             _send(replies, packings)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -29,8 +30,18 @@ SENTENCES = {
     End.BOUND: "the bound: no plan can be better",
     End.TIME: "time",
     End.UNREADY: "time, before the search was compiled, which goes on when this program has ended",
+    End.BUDGET: "the number of packings",
     End.INTERRUPT: "an interrupt",
 }
+
+
+class Status(Enum):
+    """What is known of a plan."""
+
+    OPTIMAL = auto()  # no plan is better
+    FEASIBLE = auto()  # time or packings were used up
+    INTERRUPTED = auto()
+    INFEASIBLE = auto()  # it leaves out items that should be packed: bins are too few
 
 
 @dataclass(frozen=True)
@@ -89,6 +100,14 @@ class Solution:
         return levelled(self.job, self.plan)
 
     @property
+    def status(self) -> Status:
+        """What is known of the plan."""
+        if self.unpacked or not self.plan.bins:
+            return Status.INFEASIBLE
+        known = {End.BOUND: Status.OPTIMAL, End.INTERRUPT: Status.INTERRUPTED}
+        return known.get(self.end, Status.FEASIBLE)
+
+    @property
     def limited_by(self) -> str:
         """What ended the search, in words."""
         return SENTENCES[self.end]
@@ -122,7 +141,7 @@ def solve(
     items: Any,
     bins: Any = None,
     *,
-    time_limit: float = 10.0,
+    time_limit: float | None = None,
     seed: int = 0,
     support: float = 0.5,
     inclusive: bool = False,
@@ -131,6 +150,8 @@ def solve(
     dimension: int | None = None,
     ignore: str | Sequence[str] = (),
     objective: str = "",
+    packings: int | None = None,
+    progress: Callable[[Progress], object] = lambda better: None,
 ) -> Solution:
     """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
 
@@ -142,7 +163,8 @@ def solve(
         items: a `Job`; or the path of a file; or a table with the columns of the CSV files: a data
             frame, a dict of columns, a structured NumPy array or a list of dicts.
         bins: likewise a path or a table. Not for a `Job`; .ins2D and .json need none.
-        time_limit: seconds for the search, compilation included.
+        time_limit: seconds for the search, compilation included. Not given, they are 10, or as
+            many as the packings take.
         seed: of the random choices.
         support: share of an item's base, 0 to 1, of which more has to lie on what is under it.
         inclusive: exactly that share is enough too. The whole base is always enough.
@@ -154,6 +176,11 @@ def solve(
             costs; value, the greatest value of what is packed (column PROFIT of the items, their
             volume without it), where bins without COPIES are one and items may be left out; height,
             the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
+        packings: that the search tries at most. With the same seed and number the plan is the
+            same on one machine, however busy that is.
+        progress: called with every better plan: its `measure`, `bound`, `gap`, `plan`, `bins`,
+            `seconds` and `packings` so far. If it returns something true, the search ends as by an
+            interrupt.
 
     Returns:
         The best plan found, checked, in the units of the tables.
@@ -163,11 +190,13 @@ def solve(
     """
     notes: list[str] = []
     job = _job(items, bins, ignore, objective, notes.append)
-    options = SolveOptions(time_limit, seed, support, inclusive, resolution, skip_unfit)
+    options = SolveOptions(
+        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings
+    )
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    return replace(solution(job, solve_job(job, options)), notes=tuple(notes))
+    return replace(solution(job, solve_job(job, options, progress=progress)), notes=tuple(notes))
 
 
 def checked_options(
@@ -187,11 +216,13 @@ def checked_options(
     for name in ("inclusive", "skip_unfit"):
         if not isinstance(value := getattr(options, name), bool | np.bool_):
             raise UserError(f"{called(name)} {value!r}: give True or False")
-    limit = as_number(options.time_limit, called("time_limit"))
+    limit, most = options.time_limit, options.packings
+    limit = None if limit is None else as_number(limit, called("time_limit"))
+    most = None if most is None else as_whole(most, called("packings"), 1)
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
     support = as_number(options.support, called("support"))
     unit = options.resolution
-    if limit <= 0:
+    if limit is not None and limit <= 0:
         raise UserError(f"{called('time_limit')} {limit:g}: give seconds, more than 0")
     if not 0 <= support <= 1:
         raise UserError(f"{called('support')} {support:g}: give a share of the base, 0 to 1")
@@ -204,7 +235,9 @@ def checked_options(
         if not fine_enough(job, unit):
             what = "too many digits beside those of the sizes: give a rounder length"
             raise UserError(f"{called('resolution')} {unit:g}: {what}")
-    return replace(options, time_limit=limit, seed=seed, support=support, resolution=unit)
+    return replace(
+        options, time_limit=limit, seed=seed, support=support, resolution=unit, packings=most
+    )
 
 
 def solution(job: Job, found: Progress) -> Solution:

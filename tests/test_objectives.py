@@ -6,8 +6,11 @@ import random
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from itertools import islice, permutations, product
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from job_files import assert_refused
@@ -15,13 +18,17 @@ from optimum import greatest_value, lowest
 from test_bounds import FLAT, FREE
 
 import jaxpack
+from jaxpack.errors import UserError
 from jaxpack.io.jobs import job_from_columns, read_job
-from jaxpack.model.encoding import Genes, fitting_ways, lane_genes, load_job, plan_of
+from jaxpack.model.bounds import Bounds
+from jaxpack.model.encoding import Genes, fitting_ways, lane_genes, load_job, padded, plan_of
 from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job
-from jaxpack.model.objectives import bounds, objective_of
+from jaxpack.model.objectives import OBJECTIVES, Objective, Placed, bounds, objective_of
 from jaxpack.model.plan_check import InvalidPlanError, check_plan
+from jaxpack.plan_tables import figures_of_one
 from jaxpack.search.portfolio import End, SolveOptions, solve_job
-from jaxpack.search.quick import pack_quickly, quick_plan
+from jaxpack.search.quick import cost_of, pack_quickly, quick_plan
+from jaxpack.solution import Status
 
 
 @pytest.fixture
@@ -97,7 +104,7 @@ def test_the_search_finds_the_best_subset(seed, uncompiled):
     rng = random.Random(seed)
     jobs = (tiny_job(rng, "value", items=4, bins=1) for _ in range(99))
     for job in islice(filter(any_fits, jobs), 3):
-        plan = solve_job(job, SolveOptions(0.5)).plan
+        plan = solve_job(job, SolveOptions(packings=2000)).plan
         check_plan(job, plan)
         value = objective_of(job).measure(job, plan)
         assert value == -everything(job, loss) <= greatest_value(job)[0], job
@@ -237,7 +244,7 @@ def test_the_search_finds_the_least_height(seed, uncompiled):
     rng = random.Random(seed)
     jobs = (strip_job(rng, items=4) for _ in range(99))
     for job in islice(filter(any_fits, jobs), 3):
-        found = solve_job(job, SolveOptions(5, skip_unfit=True))
+        found = solve_job(job, SolveOptions(packings=2000, skip_unfit=True))
         check_plan(job, found.plan)
         height = objective_of(job).measure(job, found.plan)
         assert height == everything(job, top) >= lowest(job), job
@@ -334,3 +341,60 @@ def test_a_plan_of_fine_lengths_reaches_to_its_height(uncompiled):
     with pytest.raises(InvalidPlanError, match="outside the bin: along z"):
         check_plan(job, lower)
     check_plan(job, replace(found.plan, bins=(replace(packed, height=None),)))
+
+
+def most_items(job, plan):
+    return float(sum(len(packed.placements) for packed in plan.bins))
+
+
+def many_cost(xp, stock, placed):
+    return ((placed.bin < 0) & stock.mask).sum() / stock.mask.sum()
+
+
+MANY = Objective(
+    minimised="most items",
+    worth=lambda job, plan: (-int(most_items(job, plan)),),
+    bound=lambda job, seconds: Bounds(0, 0.0, 0, (-job.count,), float(job.count)),
+    measure=most_items,
+    cost=many_cost,
+    figure="items packed",
+    maximised=True,
+    leaves_out=True,
+)
+
+
+def test_an_objective_of_somebody_else_is_one_entry(monkeypatch, uncompiled):
+    """Large items first, as the sorts have them, leave no room for many."""
+    monkeypatch.setitem(OBJECTIVES, "many", MANY)
+    goods = {"WIDTH": [10, 1], "HEIGHT": [10, 1], "COPIES": [1, 60]}
+    room = {"WIDTH": [10], "HEIGHT": [10]}
+    assert len(jaxpack.solve(goods, room, objective="value", packings=20).plan.left_out) == 60
+    found = jaxpack.solve(goods, room, objective="many", packings=400)
+    assert found.plan.left_out == (0,)
+    assert found.gap == pytest.approx(1 / 61)
+    assert found.status is Status.FEASIBLE
+    assert figures_of_one(found)["items packed"] == "60, at most 61, gap 1.6 %"
+    with pytest.raises(UserError, match="choose bins, price, value, height or many"):
+        jaxpack.solve(goods, room, objective="more")
+
+
+@pytest.mark.parametrize("name", [name for name, one in OBJECTIVES.items() if one.of_orders])
+def test_a_packing_costs_the_same_in_both_searches(name):
+    """One function for NumPy and JAX, padding or not."""
+    sizes = np.random.default_rng(0).integers(1, 6, (20, 3)).tolist()
+    items = tuple(ItemType(tuple(map(float, size)), 2, orientations=UPRIGHT) for size in sizes)
+    kinds = BinType((9.0, 8.0, 7.0), 3.0, 2), BinType((6.0, 9.0, 9.0), 2.0, 1)
+    job = Job(items, kinds[: 1 if name == "height" else 2], objective=name)
+    loading, goal = load_job(job), OBJECTIVES[name]
+    stock = jax.tree.map(jnp.asarray, padded(loading.stock, 64, 16))
+    for lane in range(4):
+        genes = lane_genes(loading, 0, lane)
+        bin, corner = pack_quickly(loading, genes)
+        lies = loading.stock.sizes[np.arange(len(bin)), genes.turn]
+        rows = 64 - len(bin)
+        placed = Placed(
+            np.pad(bin, (0, rows), constant_values=-1),
+            *(np.pad(leaf, ((0, rows), (0, 0))) for leaf in (corner, lies)),
+        )
+        cost = jax.jit(partial(goal.cost, jnp))(stock, jax.tree.map(jnp.asarray, placed))
+        assert float(cost) == pytest.approx(cost_of(loading, genes, bin, corner), rel=1e-5)

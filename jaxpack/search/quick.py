@@ -65,14 +65,21 @@ def _low_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.nda
         height += 1 + height // 4
 
 
-def search_quickly(loading: Loading, seed: int, first: Best, stop: Stop) -> Iterator[Best | None]:
+def search_quickly(
+    loading: Loading, seed: int, first: Best, stop: Stop, sorts: int = SORTS - 1
+) -> Iterator[Best | None]:
     """The sorts, then annealing from the best and from anew: a packing, None where it was cut off.
 
-    Every packing that `first` or one before it does not better.
+    Args:
+        loading: what is packed.
+        seed: of the random choices.
+        first: to begin with; the first sort, or where so many `sorts` are 0 the best of all.
+        stop: see `pack_quickly`.
+        sorts: how many there are besides.
     """
     random = np.random.default_rng([seed, 1])
     best = first
-    for lane in range(1, SORTS):
+    for lane in range(1, sorts + 1):
         new = _packed(loading, lane_genes(loading, seed, lane), stop)
         yield new
         if new is None:

@@ -12,7 +12,7 @@ from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin, sum_whe
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
 
-STEEP = 4.0  # cost of all that the bins can hold: changes then cost about what they do for `bins`
+STEEP = 8.0  # cost of all that the bins can hold: a change then costs about as much as for `bins`
 OF_BINS = 1e-4  # of the price of the bins: least, where equal values are in more of them
 
 
