@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Cell
+from jaxpack.packing.rules import rule_named
 from jaxpack.packing.selfcheck import check_device
 from jaxpack.search.brkga import BrkgaConfig
 from jaxpack.tables import print_table
@@ -64,6 +65,9 @@ class EvaluateOptions:
     """Write the rows to this file."""
     no_validate: FlagCreatePairsOff[bool] = False
     """Skip the independent check of every packing."""
+    rule: str = "lowest"
+    """Which of its allowed positions an item takes: lowest (the paper's), nearest-corner,
+    most-contact or least-wasted. Policies see the lowest."""
     objective: str = "bins"
     """What the methods that search minimise: bins (bins, then C, then P) or paper (R)."""
     time_limit: float | None = None
@@ -113,7 +117,8 @@ def main(argv: Sequence[str]) -> None:
     if not names:
         raise UserError("--methods names none: give some, such as random,height")
     cells = make_cells(options, recipe)
-    problem = grid_problem(recipe.problem, cells)
+    rule_named(options.rule, "--rule")
+    problem = replace(grid_problem(recipe.problem, cells), rule=options.rule)
     comparison = Comparison(
         problem, options.instances, options.seed, options.seeds, options.batch,
         not options.no_validate, pick_devices(options.devices, options.batch), options.chunk,

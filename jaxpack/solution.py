@@ -22,6 +22,7 @@ from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
 from jaxpack.model.objectives import gap, objective_of
 from jaxpack.model.units import fine_enough
+from jaxpack.packing.rules import rule_named
 from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
 
 LARGEST_SEED = 2**32 - 1
@@ -151,6 +152,7 @@ def solve(
     ignore: str | Sequence[str] = (),
     objective: str = "",
     packings: int | None = None,
+    rule: str = "lowest",
     progress: Callable[[Progress], object] = lambda better: None,
 ) -> Solution:
     """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
@@ -178,6 +180,8 @@ def solve(
             the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
         packings: that the search tries at most. With the same seed and number the plan is the
             same on one machine, however busy that is.
+        rule: which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
+            least-wasted, a key of `jaxpack.packing.rules.RULES`.
         progress: called with every better plan: its `measure`, `bound`, `gap`, `plan`, `bins`,
             `seconds` and `packings` so far. If it returns something true, the search ends as by an
             interrupt.
@@ -191,7 +195,7 @@ def solve(
     notes: list[str] = []
     job = _job(items, bins, ignore, objective, notes.append)
     options = SolveOptions(
-        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings
+        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings, rule=rule
     )
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
@@ -213,6 +217,7 @@ def checked_options(
         UserError: naming the option.
     """
     job = objective_of(job).prepared(job)
+    rule_named(options.rule, called("rule"))
     for name in ("inclusive", "skip_unfit"):
         if not isinstance(value := getattr(options, name), bool | np.bool_):
             raise UserError(f"{called(name)} {value!r}: give True or False")

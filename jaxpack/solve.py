@@ -80,6 +80,9 @@ class CommandOptions:
     """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
     column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
     a COST, otherwise bins."""
+    rule: str = SolveOptions.rule
+    """Which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
+    least-wasted."""
     order: str | None = None
     """Solve only the order of that name."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
@@ -253,6 +256,7 @@ def main(argv: Sequence[str]) -> None:
         options.resolution,
         options.skip_unfit,
         packings=options.packings,
+        rule=options.rule,
     )
     for job in jobs:
         checked_options(how, job, _flag)

@@ -226,7 +226,7 @@ def test_in_numpy_every_rule_is_the_same(rule, dimension):
     sides[:, 1] = 1 if dimension == 2 else sides[:, 1]
     room = (20.0, 1.0 if dimension == 2 else 16.0, 18.0)
     job = Job(tuple(ItemType(tuple(side)) for side in sides), (BinType(room),), dimension)
-    loading = load_job(job, Rules(position=rule))
+    loading = load_job(job, Rules(rule=rule))
     decoding, stock = encode(loading)
     genes = first_genes(loading, stock, 0, 4)
     bins, corners, _ = jax.jit(pack_lanes, static_argnums=0)(decoding, stock, genes)

@@ -50,7 +50,7 @@ class Rules:
 
     support: float = 0.5  # least share of a footprint that must be carried, 0 to 1
     inclusive: bool = False  # whether exactly that share is enough; the whole base always is
-    position: str = "lowest"  # which of its allowed positions an item takes
+    rule: str = "lowest"  # which of its allowed positions an item takes
 
     @cached_property
     def _share(self) -> tuple[int, int]:

@@ -39,6 +39,7 @@ class SolveOptions:
     skip_unfit: bool = False
     policy: bool = True  # whether the shipped policy draws orders for the search to go on from
     packings: int | None = None  # that are tried at most: with one seed the plan is the same then
+    rule: str = Rules.rule  # of positions, a name in `jaxpack.packing.rules`
 
     @property
     def seconds(self) -> float:
@@ -50,7 +51,7 @@ class SolveOptions:
     @property
     def rules(self) -> Rules:
         """What holds for every item."""
-        return Rules(self.support, self.inclusive)
+        return Rules(self.support, self.inclusive, self.rule)
 
 
 class End(Enum):

@@ -121,7 +121,7 @@ def pack_quickly(
             level, row by row; if the lowest position is taken.
     """
     stock = loading.stock
-    rule = rule_named(loading.rules.position)
+    rule = rule_named(loading.rules.rule)
     runs = runs_of(loading, genes, whole=blocks and rule is RULES["lowest"])
     ends = np.cumsum([run.copies for run in runs])
     rows = genes.order[ends - 1]  # one of each run

@@ -45,12 +45,12 @@ RULES: dict[str, Rule] = {
 """Name -> rule."""
 
 
-def rule_named(name: str) -> Rule:
+def rule_named(name: str, called: str = "rule") -> Rule:
     """The rule with that name.
 
     Raises:
         UserError: there is none; it names those that there are.
     """
     if name not in RULES:
-        raise UserError(f"position rule '{name}': choose {', '.join(RULES)}")
+        raise UserError(f"{called} '{name}': choose {', '.join(RULES)}")
     return RULES[name]
