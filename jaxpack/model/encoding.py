@@ -14,9 +14,11 @@ from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.objectives import objective_of
+from jaxpack.model.sorts import SORTS
 from jaxpack.model.units import Units, in_units, units_of
 
 NARROW = 46_340  # units a side, of which areas fit int32
+LITTLE = {"footprint": 1e-6, "height": 1e-9}  # what the second key of a sort counts beside noise
 MOST_ITEMS, MOST_TOGETHER = 4_096, 512  # of a job and of a bin, see `compiles`
 
 
@@ -184,18 +186,11 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
     else:  # as given, lying flat, standing
         turn = (np.zeros(N, np.int64), np.nanargmin(height, 1), np.nanargmax(height, 1))[lane % 3]
     side = sizes[np.arange(N), turn]
-    length, width, tall = side.T
-    keys = (
-        length * width * tall,
-        length * width + tall * 1e-6,
-        tall + length * width * 1e-9,
-        side.max(1),
-    )
+    name = list(SORTS)[lane // 3 % 4]
+    first, *others = SORTS[name](*side.T)
+    key = first + sum(LITTLE[name] * other for other in others)
     noise = 1 + (lane // 12) * 0.15 * random.standard_normal(len(loading.job.items))
-    key = keys[lane // 3 % 4] * noise[loading.items]
-    if stock.profit.any():  # what is worth much for its volume comes early
-        key = key * (stock.profit / (length * width * tall)) ** (1 + lane % 2)
-    order = np.argsort(-key, kind="stable")
+    order = np.argsort(-key * noise[loading.items], kind="stable")
     rooms = stock.bins.astype(np.float64).prod(1)
     worth = (stock.price / rooms, stock.price)[lane % 2]
     kinds = len(loading.job.bins)

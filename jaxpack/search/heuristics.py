@@ -1,10 +1,13 @@
 """Orders that need no search: random, and the sorts. Padding comes last in every order."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.model.problem import Instance
+from jaxpack.model.sorts import SORTS
 
 
 def random_order(key: Array, instance: Instance) -> Array:
@@ -34,23 +37,13 @@ def decode_keys(keys: Array, mask: Array) -> Array:
     return (jax.lax.sort(tagged) & low).astype(jnp.int32)
 
 
-def volume_order(instance: Instance) -> Array:
-    """Descending volume, area in 2D: the paper's B-Box Seq. int32 [N], ties by index."""
-    return _descending(instance, instance.size.prod(-1))
-
-
-def footprint_order(instance: Instance) -> Array:
-    """Descending footprint, then height. int32 [N], ties by index."""
-    length, width, height = instance.size.T
-    return _descending(instance, length * width, height)
-
-
-def height_order(instance: Instance) -> Array:
-    """Descending height, then footprint. int32 [N], ties by index."""
-    length, width, height = instance.size.T
-    return _descending(instance, height, length * width)
-
-
-def _descending(instance: Instance, *keys: Array) -> Array:
+def sorted_order(name: str, instance: Instance) -> Array:
+    """The items by a key of `SORTS`, the largest first: int32 [N], ties by index."""
+    keys = SORTS[name](*instance.size.T)
     masked = [jnp.where(instance.mask, -key, jnp.iinfo(jnp.int32).max) for key in keys]
     return jnp.lexsort(masked[::-1]).astype(jnp.int32)
+
+
+volume_order = partial(sorted_order, "volume")  # the paper's B-Box Seq
+footprint_order = partial(sorted_order, "footprint")
+height_order = partial(sorted_order, "height")
