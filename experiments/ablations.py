@@ -22,7 +22,6 @@ from tyro.conf import Positional
 from jaxpack import Cell, Comparison, bins_used, compactness, pack, preset, pyramid
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
-from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.trainer import init_state, train_chunk
 
 # Changes of the network, changes of the recipe.
@@ -46,10 +45,13 @@ VARIANTS: dict[str, tuple[dict, dict]] = {
     "no clipping": ({}, {"clip": 0.0}),
     "4 samples of twice the instances": ({}, {"samples": 4, "batch": 128}),
     "16 samples of half the instances": ({}, {"samples": 16, "batch": 32}),
-    "credit by bin": ({}, {"credit": "bin"}),
-    "credit by order": ({}, {"credit": "order"}),
-    "self-labelling": ({}, {"learner": "self-label", "credit": "order"}),
-    "objective R": ({}, {"objective": "paper", "alpha": 0.5, "beta": 0.5, "credit": "order"}),
+    "credit by bin": ({}, {"learner": "leave-one-out-by-bin"}),
+    "credit by order": ({}, {"learner": "leave-one-out"}),
+    "self-labelling": ({}, {"learner": "self-label"}),
+    "objective R": (
+        {},
+        {"objective": "paper", "alpha": 0.5, "beta": 0.5, "learner": "leave-one-out"},
+    ),
 }
 
 
@@ -71,9 +73,8 @@ def greedy_figures(recipe, params) -> dict[str, float]:
     comparison = Comparison(recipe.problem)
     cell = Cell(recipe.problem.bin, recipe.distribution)
     instances, _ = make_instances(comparison, cell, recipe.distribution.items)
-    orders = jax.jit(partial(greedy_orders, recipe.problem, recipe.policy, kinds=recipe.kinds))(
-        params, instances
-    )
+    choose = partial(recipe.policy.orders, recipe.problem, kinds=recipe.kinds)
+    orders = jax.jit(choose)(params, instances).order
     packings = jax.jit(jax.vmap(partial(pack, recipe.problem)))(instances, orders)
     return {
         "compactness": float(jax.vmap(compactness)(instances, packings).mean()),

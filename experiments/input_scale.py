@@ -17,7 +17,7 @@ from rich.console import Console
 from jaxpack import Cell, Comparison, MethodOptions, Policy, Row, compare, make_method, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.io.atomic import replace_file
-from jaxpack.learning.parameters import PointerConfig
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.trainer import init_state, train_updates
 
 SCALES = (1.0, 4.0, 10.0)

@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from jaxpack.errors import UserError as UserError
     from jaxpack.io.jobs import read_job as read_job
     from jaxpack.io.weights import load_policy as load_policy, save_policy as save_policy
-    from jaxpack.learning.beam import beam_orders as beam_orders
     from jaxpack.packing.env import (
         BinState as BinState,
         Candidates as Candidates,
+        Decisions as Decisions,
         Kinds as Kinds,
         candidates as candidates,
-        order_of as order_of,
-        orientations_of as orientations_of,
+        decisions_of as decisions_of,
         reset as reset,
         step as step,
     )
-    from jaxpack.learning.bin_network import BinAwareConfig as BinAwareConfig
-    from jaxpack.learning.parameters import PointerConfig as PointerConfig
-    from jaxpack.learning.pointer import (
+    from jaxpack.learning.bin_aware import BinAwareConfig as BinAwareConfig
+    from jaxpack.learning.networks import NETWORKS as NETWORKS, Network as Network
+    from jaxpack.learning.pointer import PointerConfig as PointerConfig
+    from jaxpack.learning.pointer_network import (
         Rollout as Rollout,
         apply_value as apply_value,
         greedy_order as greedy_order,
@@ -41,14 +41,8 @@ if TYPE_CHECKING:
         sample_order as sample_order,
         score_order as score_order,
     )
-    from jaxpack.learning.policies import (
-        greedy_orders as greedy_orders,
-        init_policy as init_policy,
-        sample_orders as sample_orders,
-    )
     from jaxpack.learning.presets import PRESETS as PRESETS, preset as preset
     from jaxpack.learning.recipe import Policy as Policy, TrainConfig as TrainConfig
-    from jaxpack.learning.rollout import choose_orders as choose_orders
     from jaxpack.learning.trainer import (
         TrainState as TrainState,
         init_state as init_state,
@@ -127,17 +121,15 @@ else:  # the same names once more: a type checker reads neither this nor what it
         "errors": "UserError",
         "io.jobs": "read_job",
         "io.weights": "load_policy save_policy",
-        "learning.beam": "beam_orders",
-        "packing.env": ("BinState Candidates Kinds candidates order_of orientations_of reset step"),
-        "learning.bin_network": "BinAwareConfig",
-        "learning.parameters": "PointerConfig",
-        "learning.pointer": (
+        "packing.env": ("BinState Candidates Kinds Decisions candidates decisions_of reset step"),
+        "learning.bin_aware": "BinAwareConfig",
+        "learning.networks": "NETWORKS Network",
+        "learning.pointer": "PointerConfig",
+        "learning.pointer_network": (
             "Rollout apply_value greedy_order init_pointer sample_order score_order"
         ),
-        "learning.policies": "greedy_orders init_policy sample_orders",
         "learning.presets": "PRESETS preset",
         "learning.recipe": "Policy TrainConfig",
-        "learning.rollout": "choose_orders",
         "learning.trainer": "TrainState init_state make_train train_step",
         "model.job": "BinType ItemType Job PackedBin Placement Plan",
         "model.plan_check": "InvalidPlanError check_plan",

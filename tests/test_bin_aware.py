@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from cases import packer, random_cases
 
-from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError, beam_orders
+from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError
 from jaxpack.learning.bin_network import init_network, look, scores
-from jaxpack.learning.gradients import policy_gradient
-from jaxpack.learning.policies import greedy_orders, sample_orders
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
-from jaxpack.learning.rollout import choose_orders
+from jaxpack.learning.trainer import policy_gradient
 from jaxpack.model.instances import sample
 from jaxpack.model.objectives import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
@@ -23,8 +21,7 @@ from jaxpack.packing.candidates import footprints, rests, surroundings
 from jaxpack.packing.env import (
     candidates,
     compact,
-    order_of,
-    orientations_of,
+    decisions_of,
     reset,
     step,
 )
@@ -84,9 +81,9 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
     fixed, _, _, label, corner, opened, way = random_play(problem, items, None)(
         jax.random.key(1), instances
     )
-    orders = np.asarray(order_of(fixed, label)).T
+    orders, chosen = decisions_of(fixed, label, way)
+    orders = np.asarray(orders)
     assert (np.sort(orders, 1) == np.arange(items)).all()
-    chosen = orientations_of(fixed, label, way).T
     if turns:
         turning = np.asarray(chosen)[:, 1::2][np.asarray(instances.mask)[:, 1::2]]
         assert 0.2 < (turning > 0).mean() < 0.8
@@ -202,7 +199,7 @@ def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
     keys = jax.random.split(jax.random.key(4), 70)
     instances = jax.tree.map(jnp.asarray, instances)
     for kinds in (None, items):
-        orders = np.asarray(sample_orders(problem, NETWORK, params, instances, keys, kinds))
+        orders = np.asarray(NETWORK.orders(problem, params, instances, keys, kinds).order)
         assert (np.sort(orders, 1) == np.arange(items)).all()
         placed = np.take_along_axis(np.asarray(instances.mask), orders, 1)
         assert (placed[:, :-1] >= placed[:, 1:]).all()
@@ -216,7 +213,7 @@ def test_the_policy_turns_items_as_it_saw_them():
     keys = jax.random.split(jax.random.key(5), 64)
     fixed = jax.tree.map(jnp.asarray, instances)
     turned = may_turn(problem, fixed)
-    orders, ways = jax.jit(partial(choose_orders, problem, NETWORK))(params, turned, keys)
+    orders, ways = jax.jit(partial(NETWORK.orders, problem))(params, turned, keys)
     assert (np.sort(orders, 1) == np.arange(items)).all()
     assert not np.asarray(ways)[:, ::2].any()
     assert 0.2 < (np.asarray(ways)[:, 1::2] > 0).mean() < 0.9
@@ -262,9 +259,9 @@ TINY = TrainConfig(
 )
 
 
-@pytest.mark.parametrize("credit", ["order", "bin"])
-def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
-    config = replace(TINY, credit=credit, beta=0.0)
+@pytest.mark.parametrize("learner", ["leave-one-out", "leave-one-out-by-bin"])
+def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner):
+    config = replace(TINY, learner=learner, beta=0.0)
     problem, network = config.problem, config.policy
     params = init_network(network, jax.random.key(1))
     params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
@@ -336,12 +333,15 @@ def test_a_few_updates_lower_the_cost(learner):
 def test_recipes_that_do_not_go_together_are_refused():
     for change, message in (
         ({"samples": 1}, "give samples 2 or more"),
-        ({"learner": "critic"}, "has none, use leave-one-out"),
-        ({"learner": "luck"}, "choose critic or leave-one-out or self-label"),
+        ({"learner": "critic"}, "choose leave-one-out or leave-one-out-by-bin or self-label"),
+        ({"learner": "luck"}, "those that the bin-aware network has for objective bins"),
         ({"schedule": "steps"}, "choose constant or cosine"),
         ({"objective": "speed"}, "choose paper or bins"),
         ({"entropy": -1.0}, "give 0 or more"),
-        ({"credit": "bin", "objective": "paper"}, "credit 'bin': it goes with"),
+        (
+            {"learner": "leave-one-out-by-bin", "objective": "paper"},
+            "choose leave-one-out or self-label, those that the bin-aware network has",
+        ),
     ):
         with pytest.raises(UserError, match=message):
             replace(TINY, **change)
@@ -353,15 +353,13 @@ def beams(width):
     params = init_network(NETWORK, jax.random.key(6))
     params["score"] = jax.random.normal(jax.random.key(7), params["score"].shape)
     instances = sample(problem, Distribution(20, 2, 5), jax.random.key(8), 12)
-    orders = jax.jit(partial(beam_orders, problem, NETWORK, width=width, kinds=20))(
-        params, instances
-    )
-    return problem, params, instances, np.asarray(orders)
+    beams = jax.jit(partial(NETWORK.beams, problem, width=width, kinds=20))(params, instances)
+    return problem, params, instances, np.asarray(beams.order)
 
 
 def test_a_beam_of_width_one_is_greedy():
     problem, params, instances, orders = beams(1)
-    greedy = greedy_orders(problem, NETWORK, params, instances)
+    greedy = NETWORK.orders(problem, params, instances).order
     np.testing.assert_array_equal(orders[:, 0], greedy)
 
 

@@ -13,7 +13,7 @@ from jaxpack import Cell, Distribution, PointerConfig, TrainConfig, init_state, 
 from jaxpack.errors import UserError
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.learning import trainer
-from jaxpack.learning.gradients import Outcome
+from jaxpack.learning.losses import Outcome
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.trainer import (
     ChunkMetrics,

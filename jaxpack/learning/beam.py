@@ -5,51 +5,47 @@ to j that no earlier slot took. A narrower beam is therefore the beginning of a 
 more width is never worse (monotonic beam search, Lemons et al. 2022).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig, look, scores
+from jaxpack.learning.bin_network import look, scores
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.learning.rollout import LANES
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.env import order_of, reset, step
+from jaxpack.packing.env import Decisions, decisions_of, reset, step
 from jaxpack.xla.pieces import in_pieces
+
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
 
 
 def beam_orders(
     problem: Problem,
-    config: BinAwareConfig,
+    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     width: int,
     kinds: int | None = None,
-) -> Array:
-    """All orders that the beams end with, slot 0 the greedy one: int32 [B, width, N].
+) -> Decisions:
+    """Where the beams end, slot 0 the greedy one: leaves [B, width, N]. See `Network`."""
 
-    Items stay as `Instance.size` has them.
-
-    Args:
-        instances: leaves [B, ...].
-        kinds: see `choose_orders`.
-    """
-
-    def orders(piece: Instance) -> Array:
+    def decide(piece: Instance) -> Decisions:
         return _beams(problem, config, params, piece, width, kinds)
 
-    return in_pieces(orders, instances._replace(turned=None), max(1, LANES // width))
+    return in_pieces(decide, instances, max(1, LANES // width))
 
 
 def _beams(
     problem: Problem,
-    config: BinAwareConfig,
+    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     width: int,
     kinds: int | None,
-) -> Array:
+) -> Decisions:
     batch, items = instances.mask.shape
     lanes = batch * width
     repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, width, 0), instances)
@@ -61,7 +57,7 @@ def _beams(
     total = jnp.broadcast_to(total, (batch, width))
 
     def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
-        state, total, chosen = carry
+        state, total, *chosen = carry
         state, choices, sight = look(problem, config, fixed, state)
         log_probs = scores(config, params, sight)
         done = ~choices.fits.any(0)
@@ -75,12 +71,19 @@ def _beams(
         )
         kind = kind.reshape(-1)
         state = step(problem, fixed, state, choices, kind)
-        chosen = chosen.at[index].set(jnp.where(done, items, kind))
-        return (state, total, chosen), None
+        label, orientation = (
+            jnp.take_along_axis(column, kind[None], 0)[0]
+            for column in (fixed.label, fixed.orientation)
+        )
+        now = jnp.where(done, items, label), orientation
+        chosen = [column.at[index].set(one) for column, one in zip(chosen, now, strict=True)]
+        return (state, total, *chosen), None
 
-    start: Any = (state, total, jnp.full((items, lanes), items, jnp.int32))
-    (_, _, chosen), _ = jax.lax.scan(advance, start, jnp.arange(items))
-    return order_of(fixed, chosen).T.reshape(batch, width, items)
+    nothing = jnp.full((items, lanes), items, jnp.int32)
+    start: Any = (state, total, nothing, nothing)
+    (_, _, *chosen), _ = jax.lax.scan(advance, start, jnp.arange(items))
+    decisions = decisions_of(fixed, *chosen)
+    return jax.tree.map(lambda leaf: leaf.reshape(batch, width, items), decisions)
 
 
 def _monotone(after: Array) -> tuple[Array, Array, Array]:

@@ -7,42 +7,21 @@ bin and the sizes may be others than in training. R is the number of a row's fea
 context's, D the width of the layers; all come last.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.errors import UserError, check_counts
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Problem
 from jaxpack.packing.env import BinState, Candidates, Kinds, candidates
 
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
+
 BUCKETS = 10  # of the histograms over heights
-
-
-@dataclass(frozen=True)
-class BinAwareConfig:
-    """Shape of the network, and which of its ingredients are there (for ablations)."""
-
-    hidden: int = 64  # D: width of both layers
-    placement: bool = True  # sees where the item would rest
-    surroundings: bool = True  # sees what lies under and beside it there
-    stock: bool = False  # sees what of the rest would fill the gaps beside and above exactly
-    pooling: bool = True  # rows see the means over what remains and what fits
-    attention: int = 0  # heads of attention among the rows between the layers
-    temperature: float = 1.0  # of the samples that a search draws; training draws at 1
-
-    def __post_init__(self) -> None:
-        if not self.placement and (self.surroundings or self.stock):
-            raise UserError("surroundings and stock belong to a placement: leave it in")
-        check_counts(self, "hidden", most=1 << 16)
-        if not self.temperature > 0:
-            raise UserError(f"temperature {self.temperature}: give more than 0")
-        if self.attention < 0 or (self.attention and self.hidden % self.attention):
-            raise UserError(f"attention {self.attention}: give a number of heads dividing hidden")
 
 
 class Sight(NamedTuple):
@@ -55,7 +34,7 @@ class Sight(NamedTuple):
 
 
 def look(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
+    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState
 ) -> tuple[BinState, Candidates, Sight]:
     """The choices, and what the network sees of them; the state is the one they belong to."""
     state, choices = candidates(problem, kinds, state)
@@ -65,7 +44,7 @@ def look(
 
 
 def _row_features(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
+    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState, choices: Candidates
 ) -> Array:
     """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
@@ -113,7 +92,7 @@ def _row_features(
 
 
 def _context_features(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
+    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState
 ) -> Array:
     """What all rows share: float32 [B, G]."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
@@ -140,7 +119,7 @@ def _context_features(
     return jnp.concatenate([jnp.stack(shares), levels, *stock]).T
 
 
-def init_network(config: BinAwareConfig, key: Array) -> Params:
+def init_network(config: "BinAwareConfig", key: Array) -> Params:
     """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero."""
     shapes = _shapes(config)
     keys = jax.random.split(key, len(shapes))
@@ -152,7 +131,7 @@ def init_network(config: BinAwareConfig, key: Array) -> Params:
     }
 
 
-def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
+def scores(config: "BinAwareConfig", params: Params, sight: Sight) -> Array:
     """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit."""
     rows, context, remaining, fits = sight
     K, B, _ = rows.shape
@@ -178,7 +157,7 @@ def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
     return jnp.where(fits, jax.nn.log_softmax(masked, axis=0), MASKED)
 
 
-def _attend(config: BinAwareConfig, params: Params, hidden: Array, present: Array) -> Array:
+def _attend(config: "BinAwareConfig", params: Params, hidden: Array, present: Array) -> Array:
     """Multi-head attention among the rows of one instance: [K, B, D] -> [K, B, D]."""
     K, B, D = hidden.shape
     heads = (K, B, config.attention, D // config.attention)
@@ -189,7 +168,7 @@ def _attend(config: BinAwareConfig, params: Params, hidden: Array, present: Arra
     return mixed @ params["out"]
 
 
-def _shapes(config: BinAwareConfig) -> dict[str, tuple[int, ...]]:
+def _shapes(config: "BinAwareConfig") -> dict[str, tuple[int, ...]]:
     D = config.hidden
     rows = 5 + 8 * config.placement + 13 * config.surroundings + 5 * config.stock
     context = 8 + (4 if config.stock else 2) * BUCKETS

@@ -2,25 +2,28 @@
 
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
+from jaxpack.learning.bin_network import Sight, look, scores
 from jaxpack.learning.parameters import Params
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import (
     BinState,
+    Decisions,
     Kinds,
     compact,
-    order_of,
-    orientations_of,
+    decisions_of,
     reset,
     step,
 )
 from jaxpack.xla.pieces import in_pieces
+
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
 
 Choice = tuple[Array, Array]  # label of the kind and orientation, int32 [B] each
 
@@ -43,57 +46,48 @@ class Trace(NamedTuple):
 
 def choose_orders(
     problem: Problem,
-    config: BinAwareConfig,
+    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array | None = None,
     kinds: int | None = None,
     temperature: float = 1.0,
-) -> tuple[Array, Array]:
-    """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
+) -> Decisions:
+    """Decisions for a batch: sampled with a typed PRNG key each, greedy without; see `Network`.
 
-    Items are turned too, where `Instance.turned` leaves a choice.
-
-    Args:
-        instances: leaves [B, ...].
-        kinds: at least the number of distinct sizes in an instance; N if not given. Fewer are
-            faster.
-        temperature: samples are drawn from probabilities to the power of 1 / temperature.
-
-    Returns:
-        (order int32 [B, N], orientation int32 [B, N] by item): what was packed is the order
-        over `in_orientation(instance, orientation)`.
+    Items are turned too, where `Instance.turned` leaves a choice: what was packed is the order
+    over `in_orientation(instance, orientation)`.
     """
 
-    def orders(piece: tuple[Instance, Array | None]) -> tuple[Array, Array]:
-        return _play(problem, config, params, *piece, kinds, temperature, remember=False)[:2]
+    def orders(piece: tuple[Instance, Array | None]) -> Decisions:
+        return _play(problem, config, params, *piece, kinds, temperature, remember=False)[0]
 
     return in_pieces(orders, (instances, keys), LANES)
 
 
 def trace_choices(
     problem: Problem,
-    config: BinAwareConfig,
+    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array,
     kinds: int,
-) -> tuple[Array, Array, list[Trace]]:
+) -> tuple[Decisions, list[Trace]]:
     """What `choose_orders` samples, and what was seen and chosen: a trace per stretch of rows."""
     return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
 
 
 def _play(
     problem: Problem,
-    config: BinAwareConfig,
+    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array | None,
     kinds: int | None,
     temperature: float,
     remember: bool,
-) -> tuple[Array, Array, list[Trace]]:
-    """(orders, orientations, int32 [B, N] each; the traces if they are to be remembered)."""
+) -> tuple[Decisions, list[Trace]]:
+    """(leaves [B, N]; the traces if they are to be remembered)."""
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
     fixed, state = reset(problem, last, kinds)
     items = instances.mask.shape[1]
@@ -143,5 +137,4 @@ def _play(
             state, choice = jax.lax.scan(partial(play_only, fixed), state, noises)
         chosen.append(choice)
     label, orientation = (jnp.concatenate(column) for column in zip(*chosen, strict=True))
-    order = order_of(fixed, label)
-    return order.T, orientations_of(fixed, label, orientation).T, trace
+    return decisions_of(fixed, label, orientation), trace

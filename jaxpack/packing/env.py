@@ -54,6 +54,13 @@ class Candidates(NamedTuple):
     around: Surroundings  # integers [K, B], cells
 
 
+class Decisions(NamedTuple):
+    """What a policy decided of an instance; the rule that fills in the positions does the rest."""
+
+    order: Array  # int32 [..., N], the items in the order in which they are packed
+    orientation: Array  # int32 [..., N] by item, index along O of `Instance.turned`; 0 without it
+
+
 def reset(problem: Problem, instance: Instance, kinds: int | None = None) -> tuple[Kinds, BinState]:
     """The state before the first choice.
 
@@ -176,33 +183,24 @@ def step(
     )
 
 
-def order_of(kinds: Kinds, chosen: Array) -> Array:
-    """The packing order that a sequence of choices stands for.
+def decisions_of(kinds: Kinds, chosen: Array, orientation: Array) -> Decisions:
+    """The decisions that a sequence of choices stands for, batch first: leaves [B, N].
 
     Args:
         chosen: int32 [N, B], label of the kind chosen at each step, N where nothing was left.
+        orientation: int32 [N, B], of the choice of each step.
 
     Returns:
-        int32 [N, B]; items that were never placed come last.
+        Items that were never placed come last.
     """
-    by_kind, member = _steps_by_kind(chosen), jnp.arange(chosen.shape[1])
-    return jnp.zeros_like(chosen).at[by_kind, member].set(kinds.items)
-
-
-def orientations_of(kinds: Kinds, chosen: Array, orientation: Array) -> Array:
-    """How every item was turned: int32 [N, B], by item.
-
-    Args:
-        chosen: see `order_of`.
-        orientation: int32 [N, B], of the choice of each step.
-    """
-    by_kind, member = _steps_by_kind(chosen), jnp.arange(chosen.shape[1])
-    in_turn = jnp.take_along_axis(orientation, by_kind, 0)
-    return jnp.zeros_like(chosen).at[kinds.items, member].set(in_turn)
-
-
-def _steps_by_kind(chosen: Array) -> Array:
-    """int32 [N, B]: the j-th of these steps placed the j-th of `Kinds.items`."""
-    steps = jax.lax.broadcasted_iota(jnp.int32, chosen.shape, 0)
-    _, by_kind = jax.lax.sort((chosen, steps), dimension=0, num_keys=1, is_stable=True)
-    return by_kind
+    steps, member = (
+        jax.lax.broadcasted_iota(jnp.int32, chosen.shape, 0),
+        jnp.arange(chosen.shape[1]),
+    )
+    # The j-th of the steps sorted like this placed the j-th of `Kinds.items`.
+    _, by_kind, in_turn = jax.lax.sort(
+        (chosen, steps, orientation), dimension=0, num_keys=1, is_stable=True
+    )
+    nothing = jnp.zeros_like(chosen)
+    order = nothing.at[by_kind, member].set(kinds.items)
+    return Decisions(order.T, nothing.at[kinds.items, member].set(in_turn).T)
