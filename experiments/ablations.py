@@ -27,13 +27,10 @@ from jaxpack.learning.trainer import init_state, train_chunk
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
     "as the preset": ({}, {}),
-    "sizes only, the bin as a histogram": (
-        {"placement": False, "surroundings": False, "stock": False},
-        {},
-    ),
-    "no look under and beside": ({"surroundings": False}, {}),
-    "blind to what fills a gap exactly": ({"stock": False}, {}),
-    "sees what fills a gap exactly": ({"stock": True}, {}),
+    "sizes only, the bin as a histogram": ({"sees": "sizes"}, {}),
+    "no look under and beside": ({"sees": "stock"}, {}),
+    "blind to what fills a gap exactly": ({"sees": "surroundings"}, {}),
+    "sees what fills a gap exactly": ({"sees": "all"}, {}),
     "no pooling": ({"pooling": False}, {}),
     "attention, 4 heads": ({"attention": 4}, {}),
     "width 32": ({"hidden": 32}, {}),

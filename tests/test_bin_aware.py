@@ -173,8 +173,8 @@ def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
 @pytest.mark.parametrize("attention", [0, 2])
 def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
     problem, items = PROBLEMS["3d"], 10
-    config = replace(NETWORK, attention=attention, stock=attention > 0)
-    params = init_network(config, jax.random.key(0))
+    config = replace(NETWORK, attention=attention, sees="all" if attention else "surroundings")
+    params = init_network(config, problem, jax.random.key(0))
     params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
     instances, _ = random_cases(problem, 9, 50, items)
     fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
@@ -194,7 +194,7 @@ def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
 
 def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
     problem, items = PROBLEMS["2d"], 12
-    params = init_network(NETWORK, jax.random.key(0))
+    params = init_network(NETWORK, problem, jax.random.key(0))
     instances, _ = random_cases(problem, 10, 70, items, oversize=0)
     keys = jax.random.split(jax.random.key(4), 70)
     instances = jax.tree.map(jnp.asarray, instances)
@@ -207,7 +207,7 @@ def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
 
 def test_the_policy_turns_items_as_it_saw_them():
     problem, items = PROBLEMS["3d"], 12
-    params = init_network(NETWORK, jax.random.key(0))
+    params = init_network(NETWORK, problem, jax.random.key(0))
     params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
     instances, _ = random_cases(problem, 11, 64, items, oversize=0)
     keys = jax.random.split(jax.random.key(5), 64)
@@ -263,7 +263,7 @@ TINY = TrainConfig(
 def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner):
     config = replace(TINY, learner=learner, beta=0.0)
     problem, network = config.problem, config.policy
-    params = init_network(network, jax.random.key(1))
+    params = init_network(network, problem, jax.random.key(1))
     params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
     one = Instance(
         jnp.asarray([[3, 1, 2], [2, 1, 3], [1, 1, 2]]), jnp.ones(3, bool), jnp.asarray([4, 1, 4])
@@ -350,7 +350,7 @@ def test_recipes_that_do_not_go_together_are_refused():
 @cache
 def beams(width):
     problem = PAPER_3D
-    params = init_network(NETWORK, jax.random.key(6))
+    params = init_network(NETWORK, problem, jax.random.key(6))
     params["score"] = jax.random.normal(jax.random.key(7), params["score"].shape)
     instances = sample(problem, Distribution(20, 2, 5), jax.random.key(8), 12)
     beams = jax.jit(partial(NETWORK.beams, problem, width=width, kinds=20))(params, instances)

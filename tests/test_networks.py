@@ -118,9 +118,11 @@ def test_a_network_from_outside_is_one_class_and_one_entry(monkeypatch, tmp_path
 
 
 def as_version_01_wrote_it(name):
-    """A preset's recipe in the words of then: no names of networks, learner and credit apart."""
+    """A preset's recipe in the words of then: options apart that were not free of each other."""
     written = json.loads(json.dumps(asdict(preset(name))))
     del written["policy"]["name"]
+    if written["policy"].pop("sees", ""):
+        written["policy"] |= {"placement": True, "surroundings": True, "stock": True}
     by_bin = written["learner"] == "leave-one-out-by-bin"
     written["credit"] = "bin" if by_bin else "order"
     if by_bin:
@@ -133,6 +135,19 @@ def test_recipes_of_version_01_are_read(name):
     assert config_from_dict(TrainConfig, as_version_01_wrote_it(name)) == preset(name)
 
 
+def test_what_a_policy_saw_in_version_01_is_one_word_now():
+    written = as_version_01_wrote_it("bin-aware-2d")
+    for saw, sees in (
+        ({}, "surroundings"),
+        ({"stock": True, "surroundings": False}, "stock"),
+        ({"surroundings": False}, "placement"),
+        ({"placement": False, "surroundings": False, "stock": False}, "sizes"),
+    ):
+        written["policy"] = {"hidden": 8, "attention": 2} | saw
+        policy = config_from_dict(TrainConfig, written).policy
+        assert policy == NETWORKS["bin-aware"](hidden=8, attention=2, sees=sees)
+
+
 def test_recipes_of_version_01_that_were_none_are_not_read():
     written = as_version_01_wrote_it("bin-aware-3d")
     for change, message in (
@@ -140,6 +155,8 @@ def test_recipes_of_version_01_that_were_none_are_not_read():
         ({"credit": "luck"}, "option 'credit' is unknown"),
         ({"policy": {"name": "luck"}}, "there is no network 'luck': choose pointer or bin-aware"),
         ({"policy": {"name": ["pointer"]}}, "there is no network "),
+        ({"policy": {"placement": False, "stock": True}}, "option 'placement' is unknown"),
+        ({"policy": {"placement": [], "stock": {}}}, "option 'placement' is unknown"),
         ({"policy": 7}, "expected a table of options"),
     ):
         with pytest.raises(UserError, match=message):

@@ -7,6 +7,7 @@ from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any, TypeVar
 
 from jaxpack.errors import UserError
+from jaxpack.learning.bin_network import SEES, Sees
 from jaxpack.learning.networks import NETWORKS, Network
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.numbers import fault, show
@@ -106,4 +107,11 @@ def _of_today(options: dict[str, Any]) -> dict[str, Any]:
     if (learner, credit) == ("leave-one-out", "bin"):
         del options["credit"]
         options["learner"] = "leave-one-out-by-bin"
+    policy = options.get("policy")
+    if isinstance(policy, dict) and policy.keys() & set(Sees._fields):
+        flags = [policy.get(name, name != "stock") for name in Sees._fields]
+        kept = {name: value for name, value in policy.items() if name not in Sees._fields}
+        for name, sees in SEES.items():
+            if list(sees) == flags:
+                options["policy"] = kept | {"sees": name}
     return options

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 def beam_orders(
+    network: "BinAwareConfig",
     problem: Problem,
-    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     width: int,
@@ -33,14 +33,14 @@ def beam_orders(
     """Where the beams end, slot 0 the greedy one: leaves [B, width, N]. See `Network`."""
 
     def decide(piece: Instance) -> Decisions:
-        return _beams(problem, config, params, piece, width, kinds)
+        return _beams(problem, network, params, piece, width, kinds)
 
     return in_pieces(decide, instances, max(1, LANES // width))
 
 
 def _beams(
     problem: Problem,
-    config: "BinAwareConfig",
+    network: "BinAwareConfig",
     params: Params,
     instances: Instance,
     width: int,
@@ -58,8 +58,8 @@ def _beams(
 
     def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
         state, total, *chosen = carry
-        state, choices, sight = look(problem, config, fixed, state)
-        log_probs = scores(config, params, sight)
+        state, choices, sight = look(problem, network, fixed, state)
+        log_probs = scores(network, params, sight)
         done = ~choices.fits.any(0)
         # A finished packing goes on as it is: one continuation, free.
         log_probs = log_probs.at[0].set(jnp.where(done, 0.0, log_probs[0]))

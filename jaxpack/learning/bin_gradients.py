@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 
 def bin_aware_gradient(
-    config: "TrainConfig",
     network: "BinAwareConfig",
+    config: "TrainConfig",
     params: Params,
     instances: Instance,
     keys: Array,

@@ -24,6 +24,23 @@ if TYPE_CHECKING:
 BUCKETS = 10  # of the histograms over heights
 
 
+class Sees(NamedTuple):
+    """What a row says of its candidate, beside its sizes."""
+
+    placement: bool  # where it would rest
+    surroundings: bool  # what lies under and beside it there
+    stock: bool  # what of the rest would fill the gaps beside and above it exactly
+
+
+SEES = {
+    "sizes": Sees(False, False, False),
+    "placement": Sees(True, False, False),
+    "surroundings": Sees(True, True, False),
+    "stock": Sees(True, False, True),
+    "all": Sees(True, True, True),
+}
+
+
 class Sight(NamedTuple):
     """What the network sees before a choice."""
 
@@ -34,28 +51,28 @@ class Sight(NamedTuple):
 
 
 def look(
-    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState
+    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState
 ) -> tuple[BinState, Candidates, Sight]:
     """The choices, and what the network sees of them; the state is the one they belong to."""
     state, choices = candidates(problem, kinds, state)
-    rows = _row_features(problem, config, kinds, state, choices)
-    context = _context_features(problem, config, kinds, state)
+    rows = _row_features(problem, network, kinds, state, choices)
+    context = _context_features(problem, network, kinds, state)
     return state, choices, Sight(rows, context, state.remaining, choices.fits)
 
 
 def _row_features(
-    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState, choices: Candidates
+    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState, choices: Candidates
 ) -> Array:
     """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
-    area = jnp.maximum(length * width, 1)
+    area, sees = jnp.maximum(length * width, 1), SEES[network.sees]
     volume = length * width * height / (bin_x * bin_y * ceiling)
     rows = [
         length / bin_x, width / bin_y, height / ceiling, 8 * volume,
         jnp.minimum(state.remaining, 8) / 4,
     ]  # fmt: skip
-    if config.placement:
+    if sees.placement:
         x, y, z = (place.astype(jnp.float32) for place in choices.corner)
         top = z + height
         inside = state.heights[: problem.bin[0], : problem.bin[1]]
@@ -67,7 +84,7 @@ def _row_features(
             x / bin_x, y / bin_y, z / ceiling, top / ceiling, choices.supported / area,
             (top - map_top) / ceiling, 1.0 * (top == ceiling), level / (bin_x * bin_y),
         ]  # fmt: skip
-    if config.surroundings:
+    if sees.surroundings:
         around = choices.around
         sides = ((around.left, width), (around.right, width),
                  (around.front, length), (around.back, length))  # fmt: skip
@@ -77,7 +94,7 @@ def _row_features(
         rows += [jnp.abs(mean - top) / ceiling for mean in means]
         rows += [around.gap_left / bin_x, around.gap_right / bin_x]
         rows += [around.gap_front / bin_y, around.gap_back / bin_y]
-    if config.stock:
+    if sees.stock:
         around, free = choices.around, kinds.bin[2] - tops
         rows += [
             _stock_at(problem.bin[0], kinds.sides[0], state.remaining, around.gap_right) / 4,
@@ -92,7 +109,7 @@ def _row_features(
 
 
 def _context_features(
-    problem: Problem, config: "BinAwareConfig", kinds: Kinds, state: BinState
+    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState
 ) -> Array:
     """What all rows share: float32 [B, G]."""
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
@@ -113,15 +130,18 @@ def _context_features(
     levels = _histogram(level, BUCKETS) / (bin_x * bin_y)
     sides = ((height, ceiling), (length, bin_x), (width, bin_y))
     stock = []
-    for side, whole in sides if config.stock else sides[:1]:
+    for side, whole in sides if SEES[network.sees].stock else sides[:1]:
         bucket = jnp.ceil(side * BUCKETS / whole).astype(jnp.int32) - 1
         stock.append(jnp.where(bucket == jnp.arange(BUCKETS)[:, None, None], volume, 0).sum(1))
     return jnp.concatenate([jnp.stack(shares), levels, *stock]).T
 
 
-def init_network(config: "BinAwareConfig", key: Array) -> Params:
-    """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero."""
-    shapes = _shapes(config)
+def init_network(network: "BinAwareConfig", problem: Problem, key: Array) -> Params:
+    """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero.
+
+    They are the same for every problem.
+    """
+    shapes = _shapes(network)
     keys = jax.random.split(key, len(shapes))
     return {
         name: jnp.zeros(shape)
@@ -131,7 +151,7 @@ def init_network(config: "BinAwareConfig", key: Array) -> Params:
     }
 
 
-def scores(config: "BinAwareConfig", params: Params, sight: Sight) -> Array:
+def scores(network: "BinAwareConfig", params: Params, sight: Sight) -> Array:
     """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit."""
     rows, context, remaining, fits = sight
     K, B, _ = rows.shape
@@ -143,13 +163,13 @@ def scores(config: "BinAwareConfig", params: Params, sight: Sight) -> Array:
 
     shift = context @ params["context"] + params["bias1"]
     hidden = jax.nn.relu(shared_by_rows("rows", rows) + shift)
-    if config.pooling:
+    if network.pooling:
         weights = (remaining.astype(jnp.float32), fits.astype(jnp.float32))
         shares = [weight / jnp.maximum(weight.sum(0), 1) for weight in weights]
         pooled = [jnp.einsum("kb,kbd->bd", share, hidden) for share in shares]
         context = jnp.concatenate([context, *pooled], -1)
-    if config.attention:
-        hidden += _attend(config, params, hidden, remaining > 0)
+    if network.attention:
+        hidden += _attend(network, params, hidden, remaining > 0)
     shift = jax.nn.relu(context @ params["mix"] + params["bias2"]) @ params["shift"]
     middle = jax.nn.relu(shared_by_rows("deep", hidden) + shift)
     score = shared_by_rows("score", middle)[..., 0]
@@ -157,10 +177,10 @@ def scores(config: "BinAwareConfig", params: Params, sight: Sight) -> Array:
     return jnp.where(fits, jax.nn.log_softmax(masked, axis=0), MASKED)
 
 
-def _attend(config: "BinAwareConfig", params: Params, hidden: Array, present: Array) -> Array:
+def _attend(network: "BinAwareConfig", params: Params, hidden: Array, present: Array) -> Array:
     """Multi-head attention among the rows of one instance: [K, B, D] -> [K, B, D]."""
     K, B, D = hidden.shape
-    heads = (K, B, config.attention, D // config.attention)
+    heads = (K, B, network.attention, D // network.attention)
     query, key, value = ((hidden @ params[n]).reshape(heads) for n in ("query", "key", "value"))
     weight = jnp.einsum("kbhd,jbhd->bhkj", query, key) / heads[-1] ** 0.5
     weight = jax.nn.softmax(jnp.where(present.T[:, None, None], weight, MASKED), axis=-1)
@@ -168,16 +188,16 @@ def _attend(config: "BinAwareConfig", params: Params, hidden: Array, present: Ar
     return mixed @ params["out"]
 
 
-def _shapes(config: "BinAwareConfig") -> dict[str, tuple[int, ...]]:
-    D = config.hidden
-    rows = 5 + 8 * config.placement + 13 * config.surroundings + 5 * config.stock
-    context = 8 + (4 if config.stock else 2) * BUCKETS
-    mixed = context + 2 * D * config.pooling
+def _shapes(network: "BinAwareConfig") -> dict[str, tuple[int, ...]]:
+    D, sees = network.hidden, SEES[network.sees]
+    rows = 5 + 8 * sees.placement + 13 * sees.surroundings + 5 * sees.stock
+    context = 8 + (4 if sees.stock else 2) * BUCKETS
+    mixed = context + 2 * D * network.pooling
     shapes: dict[str, tuple[int, ...]] = {
         "rows": (rows, D), "context": (context, D), "bias1": (D,),
         "mix": (mixed, D), "bias2": (D,), "shift": (D, D), "deep": (D, D), "score": (D, 1),
     }  # fmt: skip
-    if config.attention:
+    if network.attention:
         shapes |= dict.fromkeys(("query", "key", "value", "out"), (D, D))
     return shapes
 

@@ -4,7 +4,7 @@ The network is in another file, which takes Flax: who packs with another policy 
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -69,14 +69,7 @@ class PointerConfig:
             order = jax.vmap(draw)(instances, keys)
         return Decisions(order, jnp.zeros_like(order))
 
-    def beams(
-        self,
-        problem: Problem,
-        params: Params,
-        instances: Instance,
-        width: int,
-        kinds: int | None = None,
-    ) -> Decisions:
+    def beams(self, *_: Any, **__: Any) -> Decisions:
         """It has none."""
         raise UserError("the pointer network has no beam search: use bin-aware")
 

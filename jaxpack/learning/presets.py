@@ -14,7 +14,7 @@ PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=Fals
 BIN_AWARE = TrainConfig(
     problem=PAPER_2D,
     distribution=Distribution(items=40, low=1, high=5),
-    policy=BinAwareConfig(stock=True, temperature=1.5),
+    policy=BinAwareConfig(sees="all", temperature=1.5),
     train_instances=19_200,
     valid_instances=1_000,
     batch=64,
@@ -34,7 +34,7 @@ BIN_AWARE_3D = replace(
     BIN_AWARE,
     problem=PAPER_3D,
     distribution=Distribution(items=70, low=2, high=5),
-    policy=BinAwareConfig(stock=True),
+    policy=BinAwareConfig(sees="all"),
     train_instances=153_600,
     learner="leave-one-out-by-bin",
 )

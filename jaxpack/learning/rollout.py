@@ -45,41 +45,43 @@ class Trace(NamedTuple):
 
 
 def choose_orders(
+    network: "BinAwareConfig",
     problem: Problem,
-    config: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array | None = None,
     kinds: int | None = None,
-    temperature: float = 1.0,
+    temperature: float | None = None,
 ) -> Decisions:
     """Decisions for a batch: sampled with a typed PRNG key each, greedy without; see `Network`.
 
     Items are turned too, where `Instance.turned` leaves a choice: what was packed is the order
     over `in_orientation(instance, orientation)`.
     """
+    if temperature is None:
+        temperature = network.temperature
 
     def orders(piece: tuple[Instance, Array | None]) -> Decisions:
-        return _play(problem, config, params, *piece, kinds, temperature, remember=False)[0]
+        return _play(problem, network, params, *piece, kinds, temperature, remember=False)[0]
 
     return in_pieces(orders, (instances, keys), LANES)
 
 
 def trace_choices(
     problem: Problem,
-    config: "BinAwareConfig",
+    network: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array,
     kinds: int,
 ) -> tuple[Decisions, list[Trace]]:
     """What `choose_orders` samples, and what was seen and chosen: a trace per stretch of rows."""
-    return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
+    return _play(problem, network, params, instances, keys, kinds, 1.0, remember=True)
 
 
 def _play(
     problem: Problem,
-    config: "BinAwareConfig",
+    network: "BinAwareConfig",
     params: Params,
     instances: Instance,
     keys: Array | None,
@@ -99,8 +101,8 @@ def _play(
         noise = draw(keys)
 
     def play(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Choice, Trace]]:
-        state, choices, sight = look(problem, config, fixed, state)
-        preference = scores(config, params, sight)
+        state, choices, sight = look(problem, network, fixed, state)
+        preference = scores(network, params, sight)
         kind = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
         label, orientation = (
             jnp.take_along_axis(column, kind[None], 0)[0]
