@@ -21,15 +21,18 @@ if TYPE_CHECKING:
     from jaxpack.io.jobs import read_job as read_job
     from jaxpack.io.weights import load_policy as load_policy, save_policy as save_policy
     from jaxpack.packing.env import (
-        BinState as BinState,
-        Candidates as Candidates,
+        Choice as Choice,
+        Choices as Choices,
         Decisions as Decisions,
         Kinds as Kinds,
-        candidates as candidates,
+        State as State,
         decisions_of as decisions_of,
+        observe as observe,
+        positions as positions,
         reset as reset,
         step as step,
     )
+    from jaxpack.packing.table import Table as Table
     from jaxpack.learning.bin_aware import BinAwareConfig as BinAwareConfig
     from jaxpack.learning.networks import NETWORKS as NETWORKS, Network as Network
     from jaxpack.learning.pointer import PointerConfig as PointerConfig
@@ -121,7 +124,10 @@ else:  # the same names once more: a type checker reads neither this nor what it
         "errors": "UserError",
         "io.jobs": "read_job",
         "io.weights": "load_policy save_policy",
-        "packing.env": ("BinState Candidates Kinds Decisions candidates decisions_of reset step"),
+        "packing.env": (
+            "Choice Choices Decisions Kinds State decisions_of observe positions reset step"
+        ),
+        "packing.table": "Table",
         "learning.bin_aware": "BinAwareConfig",
         "learning.networks": "NETWORKS Network",
         "learning.pointer": "PointerConfig",

@@ -14,6 +14,7 @@ from jaxpack.learning.parameters import Params
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
+from jaxpack.packing.table import Table
 from jaxpack.xla.pieces import side_by_side
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def bin_aware_gradient(
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
         (orders, turns), trace = trace_choices(
-            config.problem, network, params, repeated, keys, config.kinds
+            network, Table(config.problem), params, repeated, keys, config.kinds
         )
         repeated = jax.vmap(in_orientation)(repeated, turns)
         packings = jax.vmap(partial(pack, config.problem))(repeated, orders)
@@ -87,9 +88,9 @@ def _best_of_each(trace: list[Trace], cost: Array) -> tuple[list[Trace], Array]:
                 remaining=sight.remaining[:, :, lanes],
                 fits=sight.fits[:, :, lanes],
             ),
-            kind[:, lanes],
+            row[:, lanes],
         )
-        for sight, kind in trace
+        for sight, row in trace
     ]
     return labels, -told_apart
 
@@ -133,9 +134,9 @@ def _trace_gradient(
     lanes = weight.shape[1]
 
     def loss(params: Params, step: tuple[Trace, Array]) -> tuple[Array, tuple[Array, Array]]:
-        (sight, kind), weight = step
+        (sight, row), weight = step
         log_probs = scores(network, params, sight)
-        chosen = jnp.take_along_axis(log_probs, kind[None], 0)[0]
+        chosen = jnp.take_along_axis(log_probs, row[None], 0)[0]
         weighted = (weight * jnp.where(sight.fits.any(0), chosen, 0)).sum() / lanes
         entropy = -jnp.where(sight.fits, jnp.exp(log_probs) * log_probs, 0).sum() / lanes
         return weighted - config.entropy * entropy, (weighted, entropy)
@@ -148,7 +149,7 @@ def _trace_gradient(
     total = (jax.tree.map(jnp.zeros_like, params), (jnp.float32(0), jnp.float32(0)))
     first = 0
     for stretch in trace:
-        last = first + stretch.kind.shape[0]
+        last = first + stretch.row.shape[0]
         total, _ = jax.lax.scan(add, total, (stretch, weight[first:last]))
         first = last
     gradient, (loss_sum, entropy) = total

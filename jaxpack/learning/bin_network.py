@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Problem
-from jaxpack.packing.env import BinState, Candidates, Kinds, candidates
+from jaxpack.packing.env import Choices, State, observe
+from jaxpack.packing.view import LEVELS, View
 
 if TYPE_CHECKING:
     from jaxpack.learning.bin_aware import BinAwareConfig
 
-BUCKETS = 10  # of the histograms over heights
+BUCKETS = LEVELS  # of the histograms over sides
 
 
 class Sees(NamedTuple):
@@ -50,20 +50,17 @@ class Sight(NamedTuple):
     fits: Array  # bool [K, B]
 
 
-def look(
-    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState
-) -> tuple[BinState, Candidates, Sight]:
-    """The choices, and what the network sees of them; the state is the one they belong to."""
-    state, choices = candidates(problem, kinds, state)
-    rows = _row_features(problem, network, kinds, state, choices)
-    context = _context_features(problem, network, kinds, state)
-    return state, choices, Sight(rows, context, state.remaining, choices.fits)
+def look(network: "BinAwareConfig", view: View, state: State) -> Sight:
+    """What the network sees of the choices."""
+    choices = observe(view, state)
+    rows = _row_features(network, view, state, choices)
+    context = _context_features(network, state, choices)
+    return Sight(rows, context, state.remaining, choices.allowed)
 
 
-def _row_features(
-    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState, choices: Candidates
-) -> Array:
+def _row_features(network: "BinAwareConfig", view: View, state: State, choices: Choices) -> Array:
     """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
+    kinds, candidates = state.kinds, choices.candidates
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     area, sees = jnp.maximum(length * width, 1), SEES[network.sees]
@@ -73,19 +70,15 @@ def _row_features(
         jnp.minimum(state.remaining, 8) / 4,
     ]  # fmt: skip
     if sees.placement:
-        x, y, z = (place.astype(jnp.float32) for place in choices.corner)
+        x, y, z = (place.astype(jnp.float32) for place in candidates.corner)
         top = z + height
-        inside = state.heights[: problem.bin[0], : problem.bin[1]]
-        map_top = _walls_as(inside, 0).max((0, 1))
-        tops = (choices.corner[2] + kinds.sides[2]).astype(jnp.int32)
-        cells_at = _histogram(inside, problem.bin[2] + 1)
-        level = jnp.take_along_axis(cells_at, jnp.clip(tops, 0, problem.bin[2]), 0)
         rows += [
-            x / bin_x, y / bin_y, z / ceiling, top / ceiling, choices.supported / area,
-            (top - map_top) / ceiling, 1.0 * (top == ceiling), level / (bin_x * bin_y),
+            x / bin_x, y / bin_y, z / ceiling, top / ceiling, candidates.supported / area,
+            (top - choices.outline.highest) / ceiling, 1.0 * (top == ceiling),
+            candidates.level / (bin_x * bin_y),
         ]  # fmt: skip
     if sees.surroundings:
-        around = choices.around
+        around = candidates.around
         sides = ((around.left, width), (around.right, width),
                  (around.front, length), (around.back, length))  # fmt: skip
         means = [total / jnp.maximum(cells, 1) for total, cells in sides]
@@ -95,39 +88,34 @@ def _row_features(
         rows += [around.gap_left / bin_x, around.gap_right / bin_x]
         rows += [around.gap_front / bin_y, around.gap_back / bin_y]
     if sees.stock:
-        around, free = choices.around, kinds.bin[2] - tops
+        around = candidates.around
+        free = kinds.bin[2] - (candidates.corner[2] + kinds.sides[2]).astype(jnp.int32)
         rows += [
-            _stock_at(problem.bin[0], kinds.sides[0], state.remaining, around.gap_right) / 4,
-            _stock_at(problem.bin[1], kinds.sides[1], state.remaining, around.gap_back) / 4,
-            _stock_at(problem.bin[2], kinds.sides[2], state.remaining, free) / 4,
-            1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0),
-        ]  # fmt: skip
+            _stock_at(view, axis, state, wanted) / 4
+            for axis, wanted in enumerate((around.gap_right, around.gap_back, free))
+        ]
+        rows += [1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0)]
     # What does not remain or does not fit has no meaning, and a wall's height for z.
     present = state.remaining > 0
     rows = [jnp.where(present, jnp.clip(row, -2, 2), 0).astype(jnp.float32) for row in rows]
     return jnp.stack(rows, -1)
 
 
-def _context_features(
-    problem: Problem, network: "BinAwareConfig", kinds: Kinds, state: BinState
-) -> Array:
+def _context_features(network: "BinAwareConfig", state: State, choices: Choices) -> Array:
     """What all rows share: float32 [B, G]."""
+    kinds, outline = state.kinds, choices.outline
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     capacity = bin_x * bin_y * ceiling
     remaining = state.remaining * kinds.share
     volume = remaining * length * width * height / capacity
     left = volume.sum(0)
-    inside = state.heights[: problem.bin[0], : problem.bin[1]]
-    heights = _walls_as(inside, 0)
     shares = [
         state.used / capacity, left / 4, jnp.minimum(left, 1), left - jnp.floor(left),
-        heights.max((0, 1)) / ceiling, heights.sum((0, 1), dtype=jnp.int32) / capacity,
+        outline.highest / ceiling, outline.volume / capacity,
         remaining.sum(0) / 40, state.used == 0,
     ]  # fmt: skip
-    # A wall is above every bucket.
-    level = inside.astype(jnp.int32) * BUCKETS // kinds.bin[2]
-    levels = _histogram(level, BUCKETS) / (bin_x * bin_y)
+    levels = outline.levels / (bin_x * bin_y)
     sides = ((height, ceiling), (length, bin_x), (width, bin_y))
     stock = []
     for side, whole in sides if SEES[network.sees].stock else sides[:1]:
@@ -202,19 +190,14 @@ def _shapes(network: "BinAwareConfig") -> dict[str, tuple[int, ...]]:
     return shapes
 
 
-def _stock_at(most: int, sides: Array, remaining: Array, wanted: Array) -> Array:
+def _stock_at(view: View, axis: int, state: State, wanted: Array) -> Array:
     """How many of the remaining items have exactly the wanted side, 4 at most: [K, B]."""
+    sides, wanted = state.kinds.sides[axis], wanted.astype(jnp.int32)
+    if view.cells is None:
+        wanted = jnp.clip(wanted, 0, state.kinds.bin[axis])
+        alike = (sides == wanted[:, None]) & (wanted > 0)[:, None]
+        return jnp.minimum(jnp.where(alike, state.remaining, 0).sum(1), 4)
+    most = view.cells[axis]
     lengths = jnp.arange(most + 1, dtype=sides.dtype)[:, None, None]
-    stock = jnp.where(sides == lengths, remaining, 0).sum(1).at[0].set(0)
-    index = jnp.clip(wanted.astype(jnp.int32), 0, most)
-    return jnp.minimum(jnp.take_along_axis(stock, index, 0), 4)
-
-
-def _histogram(cells: Array, values: int) -> Array:
-    """How many cells [X, Y, B] have each of the values 0, 1, ...: int32 [values, B]."""
-    value = jnp.arange(values, dtype=cells.dtype).reshape(-1, 1, 1, 1)
-    return (cells == value).sum((1, 2), dtype=jnp.int32)
-
-
-def _walls_as(heights: Array, value: int) -> Array:
-    return jnp.where(heights == np.iinfo(heights.dtype).max, value, heights)
+    stock = jnp.where(sides == lengths, state.remaining, 0).sum(1).at[0].set(0)
+    return jnp.minimum(jnp.take_along_axis(stock, jnp.clip(wanted, 0, most), 0), 4)
