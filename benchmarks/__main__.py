@@ -1,7 +1,8 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
-Sections: placement, training, genetic, sweeps, growth. All if none is named. And `accelerator`, for
-a GPU, only if named. Each has a process of its own: after others in one process it is slower.
+Sections: placement, training, genetic, sweeps, growth. All if none is named. And, only if named,
+`exact`, which reads public instances, and `accelerator`, for a GPU. Each has a process of its own:
+after others in one process it is slower.
 """
 
 import subprocess
@@ -17,7 +18,7 @@ SECTIONS = ("placement", "training", "genetic", "sweeps", "growth")
 def main() -> None:
     chosen = sys.argv[1:] or SECTIONS
     for name in chosen:
-        if name not in (*SECTIONS, "accelerator"):
+        if name not in (*SECTIONS, "exact", "accelerator"):
             raise SystemExit(f"unknown section '{name}': choose from {', '.join(SECTIONS)}")
     if len(chosen) == 1:
         use_all_cores()

@@ -20,10 +20,11 @@ from jax import Array
 
 from benchmarks.native import pack_native
 from benchmarks.timing import report, seconds
-from jaxpack import BrkgaConfig, Instance, Problem, brkga, pack, preset, sample
+from jaxpack import Instance, Problem, pack, preset, sample
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import init_state, train_updates
 from jaxpack.methods import MethodOptions, make_method
+from jaxpack.search.brkga import BrkgaConfig, brkga
 
 PROBLEMS = ("paper-2d", "paper-3d")
 PRESETS = ("paper-2d", "paper-3d", "bin-aware-2d", "bin-aware-3d")

@@ -15,9 +15,12 @@ import matplotlib.pyplot as plt
 from jax import Array
 
 from benchmarks.timing import RESULTS, report, seconds
-from jaxpack import BrkgaConfig, Distribution, Instance, Problem, brkga, pack, preset, sample
-from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
+from jaxpack import Distribution, Instance, Problem, pack, preset, sample
+from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.height_map import LARGE_WINDOW
+from jaxpack.packing.rules import RULES
+from jaxpack.packing.top_faces import SHORT, TopFaces
+from jaxpack.search.brkga import BrkgaConfig, brkga
 
 SIDE_BY_SIDE = 16  # instances, where it is not the batch that grows
 
@@ -39,13 +42,17 @@ def packed_exactly(problem: Problem) -> Callable:
     def run(instances: Instance) -> tuple[Array, Array]:
         size = jnp.moveaxis(instances.size, 0, -1)
         N, _, B = size.shape
-        rules = ExactRules(most=min(N, 128), flat=problem.bin[1] == 1)
-        still, all_of_them = jnp.zeros((N, B), jnp.int32), jnp.ones((N, B), bool)
-        items = Items(size, problem.cells_needed(size[:, 0] * size[:, 1]), still, all_of_them)
-        room = jnp.broadcast_to(jnp.asarray(problem.bin)[:, None], (N, 3, B))
-        bins = Bins(room, jnp.ones((N, B), jnp.int32), jnp.int32(1))
-        layout = pack_exact(rules, items, bins)
-        return layout.bin, layout.corner
+        surface = TopFaces(min(N, 128), problem.bin[1] == 1, max(problem.bin) <= SHORT)
+        length, width, height = (size[:, axis].astype(surface.dtype) for axis in range(3))
+        needed, nothing = (
+            problem.cells_needed(size[:, 0] * size[:, 1]),
+            jnp.zeros((N, B), jnp.int32),
+        )
+        items = Items((length, width, height), needed, nothing == 0, nothing)
+        rooms = tuple(jnp.full((N, B), side, surface.dtype) for side in problem.bin)
+        order = jnp.broadcast_to(jnp.arange(N, dtype=jnp.int32)[:, None], (N, B))
+        placed = decode(surface, RULES["lowest"], items, Bins(rooms, nothing + 1), order)
+        return placed.bin, placed.corner
 
     return run
 

@@ -19,10 +19,11 @@ from rich.console import Console
 from rows import RESULTS, read_rows, rounded, write_rows
 from tyro.conf import Positional
 
-from jaxpack import Cell, Comparison, bins_used, compactness, pack, preset, pyramid
+from jaxpack import Cell, Comparison, pack, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.learning.trainer import init_state, train_chunk
+from jaxpack.model.objectives import bins_used, compactness, pyramid
 
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {

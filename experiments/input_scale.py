@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 from rich.console import Console
 
-from jaxpack import Cell, Comparison, MethodOptions, Policy, Row, compare, make_method, preset
+from jaxpack import Cell, Comparison, MethodOptions, Policy, compare, make_method, preset
 from jaxpack.cli import prepare_jax
+from jaxpack.comparison import Row
 from jaxpack.io.atomic import replace_file
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.trainer import init_state, train_updates

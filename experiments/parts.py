@@ -38,6 +38,7 @@ from jaxpack.search.compiled import (
     dispatch,
     encode,
     first_genes,
+    seed_of,
     to_device,
 )
 from jaxpack.search.local_search import (
@@ -70,21 +71,21 @@ def instances(data: Path) -> Iterator[Job]:
 def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool) -> Lanes:
     """The lanes at the end; their best is the best of all."""
     loading = load_job(job)
-    rules, stock = encode(loading)
+    decoding, stock = encode(loading)
     sorts = to_device(first_genes(loading, stock, 0, DRAWN))
-    key = jax.random.key(0)
-    first = dispatch(rules, stock, fresh_lanes(key, jax.tree.map(lambda leaf: leaf[:LANES], sorts)))
+    some = jax.tree.map(lambda leaf: leaf[:LANES], sorts)
+    first = dispatch(decoding, stock, fresh_lanes(seed_of(0), some))
     if policy:
         genes = policy_genes(loading, jax.tree.map(np.asarray, stock), sorts, policy, 0)
         for i in range(0, len(genes.order), LANES):
             some = jax.tree.map(lambda leaf: leaf[i : i + LANES], genes)  # noqa: B023
-            first = dispatch(rules, stock, first, guests=some)
-    islands = [first._replace(key=key) for key in jax.random.split(first.key, len(how))]
+            first = dispatch(decoding, stock, first, guests=some)
+    islands = [first._replace(seed=seed_of(0, 1 + n)) for n in range(len(how))]
     dispatches = DISPATCHES[job.dimension]
     for turn in range(dispatches):
         which = turn % len(how)
         heat = HEAT * (1 - turn / dispatches) ** 2
-        islands[which] = dispatch(rules, stock, islands[which], how[which], ROUNDS, heat)
+        islands[which] = dispatch(decoding, stock, islands[which], how[which], ROUNDS, heat)
         if sharing and (turn + 1) % EXCHANGE == 0:
             islands = list(exchange(*islands))
     return min(islands, key=lambda lanes: float(lanes.best.cost))

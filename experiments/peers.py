@@ -42,11 +42,11 @@ from rows import RESULTS, read_rows, write_rows
 import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
-from jaxpack.model.bounds import bounds
 from jaxpack.model.box_check import Rule
 from jaxpack.model.encoding import Rules, load_job
 from jaxpack.model.exact import common_scale, exact
 from jaxpack.model.job import ORIENTATIONS, ItemType, Sides
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.search.compiled import encode
 

@@ -1,4 +1,4 @@
-"""What solve_public.py found, as the tables of the README.
+"""What solve_public.py found, as the tables of docs/benchmarks.md.
 
 python experiments/public_tables.py [--data FOLDER]
 """

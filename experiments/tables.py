@@ -1,4 +1,4 @@
-"""The README's tables: our rows beside Wang and Dong's Tables I and II, as CSV.
+"""The tables of docs/benchmarks.md: our rows beside Wang and Dong's Tables I and II, as CSV.
 
 python experiments/tables.py 2d|3d [METHOD ...]     (4 and 15 minutes on two cores)
 
@@ -12,8 +12,9 @@ from pathlib import Path
 from rich.console import Console
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack import Cell, Comparison, MethodOptions, Row, compare, make_method, preset
+from jaxpack import Cell, Comparison, MethodOptions, compare, make_method, preset
 from jaxpack.cli import prepare_jax
+from jaxpack.comparison import Row
 from jaxpack.tables import paper_row, print_table
 
 METHODS = ("random", "volume", "footprint", "height", "best-of-1000", "brkga", "pointer")

@@ -15,11 +15,12 @@ from jaxpack.io.atomic import check_writable
 from jaxpack.io.certificates import read_certificate
 from jaxpack.io.notes import Say
 from jaxpack.io.packing_plans import is_packing_plans, read_packing_plans
-from jaxpack.io.plans import read_plan_json
+from jaxpack.io.plans import plan_objective, read_plan_json
 from jaxpack.io.tables import write_table
 from jaxpack.io.texts import json_line, json_lines, write_text
 from jaxpack.model.box_check import share_of
 from jaxpack.model.job import MOST_ITEMS, Job, Plan
+from jaxpack.model.objectives import objective_of
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.violations import Violation, sentence
 from jaxpack.orders import read_orders
@@ -44,6 +45,8 @@ class CommandOptions:
     """More than this share of an item's base has to lie on what is under it, 0 to 1."""
     support_inclusive: FlagCreatePairsOff[bool] = False
     """Exactly that share is enough."""
+    objective: str = ""
+    """What the plan is for: see `solve`. Not given, what the plan says, if it does."""
     order: str | None = None
     """Of several orders the one that the plan is of. BED-BPP's packing plans are of all of them."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
@@ -66,11 +69,13 @@ class Verdict:
         """What a valid plan amounts to."""
         job, plan = self.job, self.plan
         loaded = [put.item for packed in plan.bins for put in packed.placements]
-        room = sum(math.prod(job.bins[packed.bin].size) for packed in plan.bins)
+        room = sum(math.prod(job.room(packed)) for packed in plan.bins)
         parts = [counted(len(plan.bins), "bin"), counted(len(loaded), "item")]
         if room:
             share = sum(math.prod(job.items[item].size) for item in loaded) / room
             parts.append(f"fill {share * 100:.1f} %")
+        if figure := objective_of(job).figure:
+            parts.append(f"{figure} {objective_of(job).measure(job, plan):,.10g}")
         if plan.left_out:
             parts.append(f"{counted(len(plan.left_out), 'item')} left out")
         return f"valid: {', '.join(parts)}"
@@ -82,12 +87,18 @@ def read_plans(options: CommandOptions, tell: Say) -> list[tuple[Job, Plan]]:
     Raises:
         UserError: naming the file and what is wrong in it.
     """
-    jobs = read_orders(
-        options.items, options.bins, options.order, options.ignore, options.packingsolver, tell
-    )
     kind = options.plan.suffix.lower()
     if kind not in SUFFIXES:
         raise UserError(f"{options.plan}: plans '{kind}' are not known: give .csv or .json")
+    jobs = read_orders(
+        options.items,
+        options.bins,
+        options.order,
+        options.ignore,
+        options.packingsolver,
+        options.objective or (plan_objective(options.plan) if kind == ".json" else ""),
+        tell,
+    )
     if kind == ".json" and is_packing_plans(options.plan):
         plans = read_packing_plans(options.plan, jobs)
     elif len(jobs) > 1:

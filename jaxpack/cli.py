@@ -90,13 +90,6 @@ def run_door(
         os._exit(code)
 
 
-def cache_folder() -> Path:
-    """Where programs are kept between runs: JAX_COMPILATION_CACHE_DIR or the user's cache."""
-    if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxpack"
-
-
 def prepare_jax() -> None:
     """What every command does before its first array.
 
@@ -105,6 +98,7 @@ def prepare_jax() -> None:
     import jax  # a second
 
     from jaxpack.xla.programs import tune_for_cpu
+    from jaxpack.xla.target import cache_folder
 
     tune_for_cpu()
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))

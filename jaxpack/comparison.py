@@ -25,7 +25,7 @@ from jaxpack.io.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
 from jaxpack.model.instances import Cell, Distribution, uniform_instance
-from jaxpack.model.objectives import (
+from jaxpack.model.metrics import (
     bins_used,
     compactness,
     lower_bound,
@@ -97,14 +97,18 @@ def grid_problem(problem: Problem, cells: Sequence[Cell]) -> Problem:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How to compare: which instances, how many at a time, checked or not."""
+    """How to compare: which instances, how many at a time, checked or not.
 
-    problem: Problem
-    instances: int = 1000
-    seed: int = 0
-    seeds: int = 1
-    batch: int = 100
-    validate: bool = True
+    Raises:
+        UserError: where a count or a seed is out of its range.
+    """
+
+    problem: Problem  # the rules; its bin is the largest of all cells
+    instances: int = 1000  # of every cell and seed
+    seed: int = 0  # gives the instances: number i depends on the seed and on i alone
+    seeds: int = 1  # seed, seed + 1, ...: pooled
+    batch: int = 100  # instances side by side
+    validate: bool = True  # check every packing
     devices: int = 1  # that share each batch
     chunk: int = 10_000  # instances in memory at a time
 
@@ -166,7 +170,15 @@ def compare(
     """One row per cell for one method.
 
     Args:
+        comparison: which instances, and how many at a time.
+        method_name: what its rows are called.
+        method: from `make_method`.
+        cells: bins and distributions; all of them share one compiled program.
         sweep: what is done already, and where to keep what is done now.
+
+    Returns:
+        For every cell the means over its instances: compactness, pyramid, bins, utilisation, lower
+        bound, gap and milliseconds per instance, compilation apart.
 
     Raises:
         InvalidPackingError: where a packing behind a row breaks a rule.

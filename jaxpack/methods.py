@@ -40,7 +40,7 @@ class MethodOptions:
     """What the methods that search or learn need to know."""
 
     objective: str = "bins"  # of everything that searches: bins first, or the paper's R
-    brkga: BrkgaConfig = BrkgaConfig()
+    brkga: BrkgaConfig = BrkgaConfig()  # of brkga and brkga-seeded
     brkga_seeded: bool = True  # start brkga from the sorts
     policy: Policy | None = None  # of the methods that begin with its network's name
     shipped: str = ""  # the one to load for them if none is given, else that of the dimension
@@ -62,7 +62,22 @@ class Method:
 
 
 def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
-    """The method with this name. Raises UserError where there is none, naming those there are."""
+    """The method with this name.
+
+    Args:
+        name: random, volume, footprint, height, best-of-N, brkga, brkga-seeded, and of every
+            network its name and what it `searches`, such as bin-aware-best-of-N.
+        problem: the rules that it packs by.
+        options: what a method that searches or learns needs to know.
+
+    Returns:
+        Its `orders(keys, instances)` is pure, jit it: typed PRNG keys [B] and instances [B, ...] to
+        orders int32 [B, N]. See `compare`.
+
+    Raises:
+        UserError: where there is none, naming those there are; or the policy given is of another
+            kind or for another dimension.
+    """
     number = re.search(r"(?<=-)[1-9]\d{0,6}$", name)
     pattern, count = (name[: number.start()] + "N", int(number[0])) if number else (name, 0)
     learned = {

@@ -16,12 +16,13 @@ def read_orders(
     order: str | None,
     ignore: Sequence[str],
     packingsolver: bool,
+    objective: str,
     say: Say,
 ) -> list[Job]:
     """All jobs of a file, or the one of that name.
 
     Args:
-        items, bins, ignore, packingsolver: see `read_job`.
+        items, bins, ignore, packingsolver, objective: see `read_job`.
         order: a name, or None for all.
         say: takes a line for everything that was assumed, once all has been read.
 
@@ -29,7 +30,14 @@ def read_orders(
         UserError: naming what is wrong in a file, or the orders that there are.
     """
     notes: list[str] = []
-    jobs = read_job(items, bins, ignore=ignore, packingsolver=packingsolver, say=notes.append)
+    jobs = read_job(
+        items,
+        bins,
+        ignore=ignore,
+        packingsolver=packingsolver,
+        objective=objective,
+        say=notes.append,
+    )
     for note in notes:
         say(note)
     if order is None:

@@ -10,9 +10,8 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from jaxpack.model.bounds import gap
-from jaxpack.model.figures import minimised, plan_figures
 from jaxpack.model.job import BinType, Job
+from jaxpack.model.objectives import objective_of
 from jaxpack.search.portfolio import Progress
 from jaxpack.solution import Solution
 
@@ -30,17 +29,19 @@ class Screen(Console):
         raise BrokenPipeError
 
 
-def live_figures(job: Job, found: Progress) -> str:
+def live_figures(found: Progress) -> str:
     """The live line. In floats: exact figures of a large plan take seconds."""
-    room = sum(math.prod(job.bins[packed.bin].size) for packed in found.plan.bins)
+    job = found.job
+    room = sum(math.prod(job.room(packed)) for packed in found.plan.bins)
     items = (put.item for packed in found.plan.bins for put in packed.placements)
     fill = sum(math.prod(job.items[item].size) for item in items) / room if room else 0.0
-    parts = [counted(found.bins, "bin"), f"fill {_percent(fill)}"]
-    if found.plan.left_out:  # the bound may be that of a larger load
+    parts, goal = [counted(found.bins, "bin"), f"fill {_percent(fill)}"], objective_of(job)
+    if goal.figure:
+        parts.insert(0, f"{goal.figure} {_number(found.measure)}")
+    if found.plan.left_out and not goal.leaves_out:  # the bound may be that of a larger load
         parts.append(f"{counted(len(found.plan.left_out), 'item')} left out")
     else:
-        above = gap(job, plan_figures(job, found.plan), found.bounds)
-        parts.append("gap unknown" if above is None else f"gap {_percent(above)}")
+        parts.append("gap unknown" if found.gap is None else f"gap {_percent(found.gap)}")
     return ", ".join(parts)
 
 
@@ -52,15 +53,20 @@ def figures_of_one(found: Solution) -> dict[str, str]:
         rows["weight"] = _number(figures.weight)
     if job.priced:
         rows["cost"] = f"{_number(figures.cost)}, at least {_number(found.least_cost)}"
-    above = "" if found.gap is None else f", gap {_percent(found.gap)}"
-    rows["lower bound"] = f"{counted(found.bound, 'bin')}{above}"
+    goal, above = objective_of(job), "" if found.gap is None else f", gap {_percent(found.gap)}"
+    if goal.figure:
+        of = f" of {_number(goal.total(job))}" if goal.total else ""
+        bound = f"at {'most' if goal.maximised else 'least'} {_number(found.bounds.best)}"
+        rows[goal.figure] = f"{_number(goal.measure(job, found.plan))}{of}, {bound}{above}"
+    else:
+        rows["lower bound"] = f"{counted(found.bound, 'bin')}{above}"
     rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
     rows["limited by"] = found.limited_by
     if figures.left_out:
         counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
     if len(job.bins) > 1:
-        rows["minimised"] = minimised(job)
+        rows["minimised"] = goal.minimised
     if found.unpacked:
         rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
     if job.rounded:
@@ -72,13 +78,29 @@ def table_of_many(solutions: Sequence[Solution]) -> Table:
     """A row per order."""
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
     table.add_column("order", no_wrap=True)
-    for name in ("items", "left out", "bins", "bound", "gap", "fill", "weight", "s", "packings"):
+    goals = [objective_of(found.job) for found in solutions]
+    figure = [name for name in (goals[0].figure,) if name]  # of all orders of a file
+    for name in (
+        "items",
+        "left out",
+        "bins",
+        *figure,
+        "bound",
+        "gap",
+        "fill",
+        "weight",
+        "s",
+        "packings",
+    ):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("limited by", no_wrap=True)
-    for found in solutions:
+    for found, goal in zip(solutions, goals, strict=True):
         figures = found.figures
-        cells = [f"{found.job.count:,}", f"{figures.left_out:,}"]
-        cells += [f"{figures.bins:,}", f"{found.bound:,}"]
+        cells = [f"{found.job.count:,}", f"{figures.left_out:,}", f"{figures.bins:,}"]
+        if figure:
+            cells += map(_number, (goal.measure(found.job, found.plan), found.bounds.best))
+        else:
+            cells.append(f"{found.bound:,}")
         cells += ["" if found.gap is None else _percent(found.gap), _percent(figures.utilisation)]
         cells += [_number(figures.weight), f"{found.seconds:.1f}", f"{found.packings:,}"]
         table.add_row(plain_text(found.job.name), *cells, found.limited_by)

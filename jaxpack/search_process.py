@@ -16,11 +16,12 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any
 
-from jaxpack.cli import cache_folder, prepare_jax
+from jaxpack.cli import prepare_jax
 from jaxpack.errors import UserError
 from jaxpack.io.locks import held
 from jaxpack.model.encoding import Genes
 from jaxpack.search.requests import DONE, STOP, Found, Request
+from jaxpack.xla.target import cache_folder
 
 KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
 
@@ -104,8 +105,8 @@ def _serve(request: Request, replies: IO[bytes], wanted: Callable[[], bool]) -> 
     loading, count, slots = request.loading, len(request.loading.items), len(request.loading.bins)
     policy = load_policy(request.policy) if request.policy else None
     cost = float("inf")
-    found = search(loading, request.seed, request.seconds, request.first, policy, wanted)
-    for best, packings in found:
+    how = request.seed, request.seconds, request.first, policy, wanted, request.packings
+    for best, packings in search(loading, *how):
         better, cost = float(best.cost) < cost, min(cost, float(best.cost))
         if not better:
             _send(replies, packings)

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum, auto
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,10 +16,11 @@ from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.io.notes import Say, silent
 from jaxpack.io.plans import write_plan_json
 from jaxpack.io.steps import write_steps
-from jaxpack.model.bounds import Bounds, gap
-from jaxpack.model.figures import PlanFigures, plan_figures
+from jaxpack.model.bounds import Bounds
+from jaxpack.model.figures import PlanFigures, levelled, plan_figures, plan_profit
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
+from jaxpack.model.objectives import gap, objective_of
 from jaxpack.model.units import fine_enough
 from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
 
@@ -27,19 +30,29 @@ SENTENCES = {
     End.BOUND: "the bound: no plan can be better",
     End.TIME: "time",
     End.UNREADY: "time, before the search was compiled, which goes on when this program has ended",
+    End.BUDGET: "the number of packings",
     End.INTERRUPT: "an interrupt",
 }
+
+
+class Status(Enum):
+    """What is known of a plan."""
+
+    OPTIMAL = auto()  # no plan is better
+    FEASIBLE = auto()  # time or packings were used up
+    INTERRUPTED = auto()
+    INFEASIBLE = auto()  # it leaves out items that should be packed: bins are too few
 
 
 @dataclass(frozen=True)
 class Solution:
     """A plan that has passed the independent check, and how good it is."""
 
-    job: Job
-    plan: Plan
+    job: Job  # what was packed
+    plan: Plan  # bins, and the placements in each in loading order
     figures: PlanFigures  # bins, utilisation, weight, cost, left_out
     bounds: Bounds  # what no plan can do without
-    seconds: float
+    seconds: float  # from the start of the search to its end
     packings: int  # that were tried
     end: End  # what ended the search
     notes: tuple[str, ...] = ()  # what was assumed of the tables, a line each
@@ -56,16 +69,43 @@ class Solution:
 
     @property
     def gap(self) -> float | None:
-        """How far above its bound the plan is at most: 0.05 is 5 %; None if items are unpacked.
+        """How far from its bound the plan is at most: 0.05 is 5 %; None if items are unpacked.
 
-        Of what is minimised: the cost where bins have one, otherwise their number.
+        Of the objective's measure: cost or number of the bins, value.
         """
-        return gap(self.job, self.figures, self.bounds)
+        return gap(self.job, self.plan, self.bounds)
 
     @property
     def unpacked(self) -> int:
-        """How many items fit some bin and are left out: of such bins there are too few."""
-        return self.figures.left_out - self.bounds.unfit
+        """How many items fit some bin and are left out though they should not be: of such bins
+        there are too few.
+        """
+        may = objective_of(self.job).leaves_out
+        return 0 if may else self.figures.left_out - self.bounds.unfit
+
+    @property
+    def value(self) -> float:
+        """What all packed items are worth: their profits, of those without one the volume."""
+        return float(plan_profit(self.job, self.plan))
+
+    @property
+    def height(self) -> float:
+        """How high the highest of the bins is: up to the items that are highest for the objective
+        height, otherwise that of the bin type.
+        """
+        return max((self.job.room(packed)[2] for packed in self.plan.bins), default=0.0)
+
+    @cached_property
+    def _levelled(self) -> Job:
+        return levelled(self.job, self.plan)
+
+    @property
+    def status(self) -> Status:
+        """What is known of the plan."""
+        if self.unpacked or not self.plan.bins:
+            return Status.INFEASIBLE
+        known = {End.BOUND: Status.OPTIMAL, End.INTERRUPT: Status.INTERRUPTED}
+        return known.get(self.end, Status.FEASIBLE)
 
     @property
     def limited_by(self) -> str:
@@ -74,11 +114,11 @@ class Solution:
 
     def write_csv(self, path: str | PathLike[str], say: Say = silent) -> None:
         """Writes the plan as PackingSolver's certificate; `say` takes what there is to note."""
-        write_certificate(Path(path), self.job, self.plan, say)
+        write_certificate(Path(path), self._levelled, self.plan, say)
 
     def write_json(self, path: str | PathLike[str]) -> None:
         """Writes the plan and what it says of the job as JSON."""
-        write_plan_json(Path(path), self.job, self.plan)
+        write_plan_json(Path(path), self._levelled, self.plan)
 
     def write_steps(self, path: str | PathLike[str]) -> None:
         """Writes the loading steps, a row per item, as CSV."""
@@ -88,20 +128,20 @@ class Solution:
         """Writes a page to look at the plan in 3D and load it step by step."""
         from jaxpack.io.viewer import write_html  # a second to import
 
-        write_html(Path(path), self.job, self.plan)
+        write_html(Path(path), self._levelled, self.plan)
 
     def write_png(self, path: str | PathLike[str]) -> None:
         """Writes a picture of the first bins."""
         from jaxpack.io.pictures import write_png  # a second to import
 
-        write_png(Path(path), self.job, self.plan)
+        write_png(Path(path), self._levelled, self.plan)
 
 
 def solve(
     items: Any,
     bins: Any = None,
     *,
-    time_limit: float = 10.0,
+    time_limit: float | None = None,
     seed: int = 0,
     support: float = 0.5,
     inclusive: bool = False,
@@ -109,8 +149,11 @@ def solve(
     skip_unfit: bool = False,
     dimension: int | None = None,
     ignore: str | Sequence[str] = (),
+    objective: str = "",
+    packings: int | None = None,
+    progress: Callable[[Progress], object] = lambda better: None,
 ) -> Solution:
-    """Packs items into as few bins as it can find in the time, or into the cheapest.
+    """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
 
     With costs of bins the least cost comes first, then the fewest bins, then the least volume of
     bins; without costs the fewest bins, then their volume. What fits is left out only where there
@@ -120,7 +163,8 @@ def solve(
         items: a `Job`; or the path of a file; or a table with the columns of the CSV files: a data
             frame, a dict of columns, a structured NumPy array or a list of dicts.
         bins: likewise a path or a table. Not for a `Job`; .ins2D and .json need none.
-        time_limit: seconds for the search, compilation included.
+        time_limit: seconds for the search, compilation included. Not given, they are 10, or as
+            many as the packings take.
         seed: of the random choices.
         support: share of an item's base, 0 to 1, of which more has to lie on what is under it.
         inclusive: exactly that share is enough too. The whole base is always enough.
@@ -128,17 +172,31 @@ def solve(
         skip_unfit: leave out items that no bin can hold; otherwise they are an error.
         dimension: 2 or 3, where the tables must be of that; their columns say it.
         ignore: columns of the tables that need not be obeyed.
+        objective: another one than the above, a key of `OBJECTIVES`: bins or price whatever the
+            costs; value, the greatest value of what is packed (column PROFIT of the items, their
+            volume without it), where bins without COPIES are one and items may be left out; height,
+            the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
+        packings: that the search tries at most. With the same seed and number the plan is the
+            same on one machine, however busy that is.
+        progress: called with every better plan: its `measure`, `bound`, `gap`, `plan`, `bins`,
+            `seconds` and `packings` so far. If it returns something true, the search ends as by an
+            interrupt.
+
+    Returns:
+        The best plan found, checked, in the units of the tables.
 
     Raises:
         UserError: where anything in it is wrong, in one line.
     """
     notes: list[str] = []
-    job = _job(items, bins, ignore, notes.append)
-    options = SolveOptions(time_limit, seed, support, inclusive, resolution, skip_unfit)
+    job = _job(items, bins, ignore, objective, notes.append)
+    options = SolveOptions(
+        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings
+    )
     options = checked_options(options, job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    return replace(solution(job, solve_job(job, options)), notes=tuple(notes))
+    return replace(solution(job, solve_job(job, options, progress=progress)), notes=tuple(notes))
 
 
 def checked_options(
@@ -154,14 +212,17 @@ def checked_options(
     Raises:
         UserError: naming the option.
     """
+    job = objective_of(job).prepared(job)
     for name in ("inclusive", "skip_unfit"):
         if not isinstance(value := getattr(options, name), bool | np.bool_):
             raise UserError(f"{called(name)} {value!r}: give True or False")
-    limit = as_number(options.time_limit, called("time_limit"))
+    limit, most = options.time_limit, options.packings
+    limit = None if limit is None else as_number(limit, called("time_limit"))
+    most = None if most is None else as_whole(most, called("packings"), 1)
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
     support = as_number(options.support, called("support"))
     unit = options.resolution
-    if limit <= 0:
+    if limit is not None and limit <= 0:
         raise UserError(f"{called('time_limit')} {limit:g}: give seconds, more than 0")
     if not 0 <= support <= 1:
         raise UserError(f"{called('support')} {support:g}: give a share of the base, 0 to 1")
@@ -174,7 +235,9 @@ def checked_options(
         if not fine_enough(job, unit):
             what = "too many digits beside those of the sizes: give a rounder length"
             raise UserError(f"{called('resolution')} {unit:g}: {what}")
-    return replace(options, time_limit=limit, seed=seed, support=support, resolution=unit)
+    return replace(
+        options, time_limit=limit, seed=seed, support=support, resolution=unit, packings=most
+    )
 
 
 def solution(job: Job, found: Progress) -> Solution:
@@ -183,7 +246,7 @@ def solution(job: Job, found: Progress) -> Solution:
     return Solution(
         job=job,
         plan=found.plan,
-        figures=plan_figures(job, found.plan),
+        figures=plan_figures(levelled(job, found.plan), found.plan),
         bounds=found.bounds,
         seconds=found.seconds,
         packings=found.packings,
@@ -191,20 +254,19 @@ def solution(job: Job, found: Progress) -> Solution:
     )
 
 
-def _job(items: Any, bins: Any, ignore: str | Sequence[str], say: Say) -> Job:
+def _job(items: Any, bins: Any, ignore: str | Sequence[str], objective: str, say: Say) -> Job:
     if isinstance(items, Job):
         if bins is not None:
             raise UserError("bins: a job has its bins already; give none beside it")
-        return items
+        return replace(items, objective=objective) if objective else items
     paths = str | PathLike
     if not isinstance(items, paths):
         if bins is None or isinstance(bins, paths):
             raise UserError("bins: give a table of them, as the items are one")
-        return job_from_columns(items, bins, ignore=ignore, say=say)
+        return job_from_columns(items, bins, ignore=ignore, objective=objective, say=say)
     if bins is not None and not isinstance(bins, paths):
         raise UserError("bins: give the path of a file, as the items are in one")
-    room = None if bins is None else Path(bins)
-    jobs = read_job(Path(items), room, ignore=ignore, say=say)
+    jobs = read_job(items, bins, ignore=ignore, objective=objective, say=say)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

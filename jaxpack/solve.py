@@ -1,5 +1,6 @@
 """`python -m jaxpack.solve`: a list of items and bins in, a checked loading plan out."""
 
+import math
 import re
 import signal
 import sys
@@ -26,8 +27,8 @@ from jaxpack.model.job import Job
 from jaxpack.model.plan_check import InvalidPlanError
 from jaxpack.orders import read_orders
 from jaxpack.plan_tables import Screen, counted, live_figures, plain_text, print_solutions, say
-from jaxpack.search.portfolio import SolveOptions, improve
-from jaxpack.solution import Solution, checked_options, solution, solve
+from jaxpack.search.portfolio import Progress, SolveOptions, solve_job
+from jaxpack.solution import Solution, Status, checked_options, solution, solve
 
 TICK = 0.1  # seconds between two states of the live line
 
@@ -61,8 +62,10 @@ class CommandOptions:
     bed_bpp: Path | None = None
     """Write the plans of all orders as BED-BPP has them, each for its one target: .json. Of items
     that are BED-BPP's, .json."""
-    time_limit: float = SolveOptions.time_limit
-    """Seconds for the search in each job, compilation included."""
+    time_limit: float | None = None
+    """Seconds for the search in each job, compilation included: 10 unless packings are given."""
+    packings: int | None = None
+    """Packings that are tried at most in each job: with the same seed it is the same plan then."""
     seed: int = SolveOptions.seed
     """Gives the random choices."""
     support: float = SolveOptions.support
@@ -73,6 +76,10 @@ class CommandOptions:
     """Corners stand along x and y on a grid of this length; anywhere if not given."""
     skip_unfit: FlagCreatePairsOff[bool] = False
     """Leave out the items that no bin can hold; otherwise they are an error."""
+    objective: str = ""
+    """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
+    column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
+    a COST, otherwise bins."""
     order: str | None = None
     """Solve only the order of that name."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
@@ -157,15 +164,18 @@ def search(
         nonlocal drawn
         now = time.perf_counter()
         if live.is_started and now - drawn > TICK:
-            drawn, left = now, max(0.0, options.time_limit - (now - begun))
-            live.update(plain_text(f"{figures}, {left:.0f} s left"), refresh=True)
+            drawn, left = now, max(0.0, options.seconds - (now - begun))
+            clock = f"{left:.0f} s left" if left < math.inf else f"{now - begun:.0f} s"
+            live.update(plain_text(f"{figures}, {clock}"), refresh=True)
         return bool(interrupted)
 
+    def progress(better: Progress) -> None:
+        nonlocal figures
+        if figures != (figures := live_figures(better)) and not live.is_started:
+            say(console, f"{better.seconds:.1f} s: {figures}")
+
     with live if console.is_terminal else nullcontext():
-        for found in improve(job, options, stop):
-            if figures != (figures := live_figures(job, found)) and not live.is_started:
-                say(console, f"{found.seconds:.1f} s: {figures}")
-    return solution(job, found)
+        return solution(job, solve_job(job, options, stop, progress))
 
 
 def write_files(found: Solution, files: dict[str, Path], tell: Say) -> None:
@@ -227,7 +237,13 @@ def main(argv: Sequence[str]) -> None:
     console, status = Screen(), Screen(stderr=True)
     tell = partial(say, status)
     jobs = read_orders(
-        options.items, options.bins, options.order, options.ignore, options.packingsolver, tell
+        options.items,
+        options.bins,
+        options.order,
+        options.ignore,
+        options.packingsolver,
+        options.objective,
+        tell,
     )
     how = SolveOptions(
         options.time_limit,
@@ -236,13 +252,15 @@ def main(argv: Sequence[str]) -> None:
         options.support_inclusive,
         options.resolution,
         options.skip_unfit,
+        packings=options.packings,
     )
     for job in jobs:
         checked_options(how, job, _flag)
     files = plan_files(options, jobs)
     with interrupts() as interrupted:
         solutions = solve_jobs(jobs, how, files, options.items, interrupted, status)
-        complete = len(solutions) == len(jobs) and not any(f.unpacked for f in solutions)
+        packed = [found.status is not Status.INFEASIBLE for found in solutions]
+        complete = len(packed) == len(jobs) and all(packed)
         if options.bed_bpp and solutions:
             orders, plans = [one.job for one in solutions], [one.plan for one in solutions]
             write_bed_bpp(options.bed_bpp, orders, plans, tell)

@@ -28,7 +28,7 @@ from jaxpack.learning.trainer import (
     train_chunk,
     validation_set,
 )
-from jaxpack.model.objectives import bins_used, compactness, pyramid
+from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.model.problem import in_orientation
 from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch

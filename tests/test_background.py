@@ -20,6 +20,7 @@ from jaxpack.model.plan_check import check_plan
 from jaxpack.search import background, portfolio
 from jaxpack.search.background import SearchProcess, borrow, give_back
 from jaxpack.search.portfolio import End, SolveOptions, improve, solve_job
+from jaxpack.search.requests import Request
 
 # The bound says three bins, which would have to be filled to the last few units: the search goes on
 # for as long as it may.
@@ -38,7 +39,7 @@ def process():
 
 def ask(process, seconds, seed=0):
     loading = load_job(JOB)
-    process.ask(loading, seed, seconds, lane_genes(loading, 0, 0), "")
+    process.ask(Request(loading, seed, seconds, lane_genes(loading, 0, 0), ""))
     return loading
 
 

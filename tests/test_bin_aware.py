@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from cases import packer, random_cases
 
-from jaxpack import BinAwareConfig, Distribution, Problem, TrainConfig, UserError
+from jaxpack import Distribution, Problem, TrainConfig, UserError
+from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
 from jaxpack.learning.trainer import policy_gradient
 from jaxpack.model.instances import sample
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
 from jaxpack.packing.env import compact, decisions_of, observe, reset, step
 from jaxpack.packing.height_map import empty_map, lowest, rest

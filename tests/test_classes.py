@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from jaxpack.errors import UserError
-from jaxpack.model.bounds import bounds, martello_bounds, volume_bound, weight_bound
+from jaxpack.model.bounds import martello_bounds, volume_bound, weight_bound
 from jaxpack.model.classes import Rand48, mpv
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.objectives import bounds
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "experiments"))
 from public_instances import read_2bp, read_ivancic

@@ -12,8 +12,6 @@ from jaxpack import (
     Cell,
     Comparison,
     Distribution,
-    InvalidPackingError,
-    Method,
     MethodOptions,
     UserError,
     compare,
@@ -22,6 +20,8 @@ from jaxpack import (
     preset,
 )
 from jaxpack.comparison import grid_cells, grid_problem, make_instances
+from jaxpack.methods import Method
+from jaxpack.model.packing_check import InvalidPackingError
 from jaxpack.search.brkga import BrkgaConfig
 from jaxpack.search.protocol import Search
 from jaxpack.tables import paper_row, write_table

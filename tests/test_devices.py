@@ -19,9 +19,9 @@ from dataclasses import replace
 
 import jax, numpy as np
 from cases import TINY
-from jaxpack import BinAwareConfig
+from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.xla.devices import data_mesh, on_all
-from jaxpack.learning.gradients import policy_gradient
+from jaxpack.learning.trainer import policy_gradient
 from jaxpack.learning.trainer import init_state, train_chunk, training_instances
 from jaxpack.training import validate_policy
 
@@ -52,7 +52,9 @@ assert_close(one, eight)
 BREEDING = """
 import jax, numpy as np
 from cases import TINY
-from jaxpack import BrkgaConfig, brkga, sample
+from jaxpack import sample
+from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.brkga import brkga
 from jaxpack.xla.devices import data_mesh, on_all
 
 keys = jax.random.split(jax.random.key(1), 2)

@@ -10,55 +10,56 @@ import pytest
 
 from jaxpack.model.encoding import Genes, Rules, load_job
 from jaxpack.model.job import BinType, ItemType, Job
-from jaxpack.model.problem import Problem
-from jaxpack.packing.first_fit_exact import Bins, ExactRules, Items, pack_exact
-from jaxpack.packing.height_map import cell_dtype, drop, empty_map, lowest, rest
-from jaxpack.packing.top_faces import lowest_corner, no_faces, put_on, rest_on
+from jaxpack.packing.decode import Bins, Items, decode
+from jaxpack.packing.rules import RULES
+from jaxpack.packing.top_faces import TopFaces
+from jaxpack.search.compiled import encode, first_genes
+from jaxpack.search.local_search import pack_lanes
 from jaxpack.search.quick import pack_quickly
 
 
-@pytest.mark.parametrize("problem", [
-    Problem(bin=(7, 5, 6), support=0.5, inclusive=False),
-    Problem(bin=(6, 6, 8), support=0.75),
-    Problem(bin=(9, 1, 9), support=0.5),
-    Problem(bin=(5, 4, 6), support=0.0),
-], ids=str)  # fmt: skip
-def test_with_all_cells_as_candidates_it_is_the_grid_kernel(problem):
-    batch, count = 200, 14
-    rng = np.random.default_rng(3)
-    L, W, _ = problem.bin
-    room = tuple(jnp.full(batch, side, jnp.int32) for side in problem.bin)
-    xs, ys = (jnp.broadcast_to(jnp.arange(n)[:, None], (n, batch)) for n in (L, W))
-    dtype = cell_dtype(problem)
-
-    @jax.jit
-    def both(heights, faces, size):
-        needed = problem.cells_needed(size[0] * size[1])
-        narrow = tuple(side.astype(dtype) for side in size)
-        z = rest(problem, heights, narrow, needed.astype(dtype), room[2].astype(dtype))
-        grid, fits = lowest(problem, z)
-        exact = lowest_corner(xs, ys, rest_on(faces, xs, ys, size, needed, room))
-        after = drop(problem, heights, narrow, grid, fits), put_on(faces, size, *exact)
-        return (grid, fits), exact, after
-
-    heights = empty_map(problem, jnp.broadcast_to(jnp.asarray(problem.bin)[:, None], (3, batch)))
-    faces = no_faces(count, batch)
-    placed = 0
-    for _ in range(count):
-        size = tuple(
-            jnp.asarray(rng.integers(1, side // 2 + 2, batch), jnp.int32) for side in problem.bin
-        )
-        (grid, fits), (exact, also), (heights, faces) = both(heights, faces, size)
-        np.testing.assert_array_equal(fits, also)
-        for one, other in zip(grid, exact, strict=True):
-            np.testing.assert_array_equal(np.where(fits, one, 0), np.where(fits, other, 0))
-        placed += int(fits.sum())
-    assert batch * 4 < placed < batch * count, "nothing was refused, or all"
+def overlap(low, high, other_low, other_high):
+    return max(0, min(high, other_high) - max(low, other_low))
 
 
-def plain_bin(items, room, limit, support, inclusive):
+def contact(corner, size, boxes, room):
+    """Area of the sides that touches walls and other boxes."""
+    area = 0
+    for axis, along in ((0, 1), (1, 0)):
+        walls = (corner[axis] == 0) + (corner[axis] + size[axis] == room[axis])
+        area += walls * size[along] * size[2]
+        for low, high in boxes:
+            touch = (high[axis] == corner[axis]) + (low[axis] == corner[axis] + size[axis])
+            side = overlap(corner[along], corner[along] + size[along], low[along], high[along])
+            area += touch * side * overlap(corner[2], corner[2] + size[2], low[2], high[2])
+    return area
+
+
+def waste(corner, size, boxes, room):
+    """Volume below a box that no box fills."""
+    filled = 0
+    for low, high in boxes:
+        x, y = (overlap(corner[n], corner[n] + size[n], low[n], high[n]) for n in (0, 1))
+        filled += x * y * (high[2] - low[2])
+    return size[0] * size[1] * corner[2] - filled
+
+
+def distance(corner, size, boxes, room):
+    """To the nearest vertical edge of the bin."""
+    return sum(min(corner[n], room[n] - size[n] - corner[n]) for n in (0, 1))
+
+
+KEYS = {  # name of a rule -> what it looks at, the most important first
+    "lowest": lambda *at: (at[0][2],),
+    "nearest-corner": lambda *at: (at[0][2], distance(*at)),
+    "most-contact": lambda *at: (-contact(*at), at[0][2]),
+    "least-wasted": lambda *at: (waste(*at), at[0][2]),
+}
+
+
+def plain_bin(items, room, limit, support, inclusive, rule="lowest"):
     """(index -> corner) of one bin, by the rule's own words; all numbers are Fractions."""
-    faces, corners, load = [], {}, 0
+    faces, boxes, corners, load = [], [], {}, 0
     for index, (size, weight) in items:
         length, width, height = size
         if load + weight > limit:
@@ -78,9 +79,10 @@ def plain_bin(items, room, limit, support, inclusive):
                 share = Fraction(carried, length * width)
                 enough = share >= support if inclusive else share > support
                 if enough and z + height <= room[2]:
-                    found.append((z, y, x))
+                    found.append((*KEYS[rule]((x, y, z), size, boxes, room), y, x, z))
         if found:
-            z, y, x = min(found)
+            *_, y, x, z = min(found)
+            boxes.append(((x, y, z), (x + length, y + width, z + height)))
             faces.append((x, x + length, y, y + width, z + height))
             corners[index] = (x, y, z)
             load += weight
@@ -88,24 +90,29 @@ def plain_bin(items, room, limit, support, inclusive):
 
 
 @cache
-def packer(rules):
-    return jax.jit(partial(pack_exact, rules))
+def packer(surface, rule):
+    return jax.jit(partial(decode, surface, RULES[rule]))
 
 
-def packed(rules, share, sizes, weights, rooms, limits, step=1, wide=False):
+def packed(surface, share, sizes, weights, rooms, limits, wide=False, rule="lowest"):
     """(bin [N, B], corner [N, 3, B]) with all items waiting; areas and weights of 64 bits or 32."""
     count, _, batch = sizes.shape
     kind = np.int64 if wide else np.int32
     area = sizes[:, 0].astype(np.int64) * sizes[:, 1]
     needed = np.vectorize(lambda a: share.area_needed(int(a)))(area).astype(kind)
+    order = np.arange(count, dtype=np.int32)[:, None].repeat(batch, 1)
     with jax.enable_x64(True):
         items = Items(
-            sizes.astype(np.int32), needed, weights.astype(kind), np.ones((count, batch), bool)
+            tuple(np.moveaxis(sizes, 1, 0).astype(surface.dtype)),
+            needed,
+            np.ones((count, batch), bool),
+            weights.astype(kind),
         )
-        bins = Bins(rooms.astype(np.int32), limits.astype(kind), np.int32(step))
-        items, bins = jax.tree.map(jnp.asarray, (items, bins))
-    layout = packer(rules)(items, bins)
-    return np.asarray(layout.bin), np.asarray(layout.corner)
+        bins = Bins(tuple(np.moveaxis(rooms, 1, 0).astype(surface.dtype)), limits.astype(kind))
+        items, bins, order = jax.tree.map(jnp.asarray, (items, bins, order))
+    placed = packer(surface, rule)(items, bins, order)
+    corner = np.stack([np.asarray(side) for side in placed.corner], 1)
+    return np.asarray(placed.bin), corner.astype(np.int64)
 
 
 # Sides that repeat make equal heights and common edges, odd ones make everything else.
@@ -124,8 +131,11 @@ MIXED, ALIKE = (200, 250, 300, 400, 333, 517), (250, 400)
         (True, 0.0, True, MIXED),
     ],
 )
-def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit):
-    batch, count, slots = 40, 12, 4
+@pytest.mark.parametrize("rule", KEYS)
+def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit, rule):
+    if rule != "lowest" and unit > 1:
+        unit = 1  # volumes of other rules are floats
+    batch, count, slots = (40, 12, 4) if rule == "lowest" else (16, 12, 4)
     rng = np.random.default_rng(5)
     side = unit * np.array([1200, 800, 1000])
     sizes = unit * rng.choice(sides, (count, 3, batch))
@@ -135,13 +145,14 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit):
     rooms = np.stack([side, side // [2, 1, 2], side, side], 0)[..., None].repeat(batch, 2)
     limits = np.array([30, 10, 25, 1000])[:, None].repeat(batch, 1)
     bins, corners = packed(
-        ExactRules(16, flat),
+        TopFaces(16, flat, short=unit == 1),
         Rules(support, inclusive),
         sizes,
         weights,
         rooms,
         limits,
         wide=unit > 1,
+        rule=rule,
     )
     for b in range(batch):
         waiting = list(range(count))
@@ -149,7 +160,7 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit):
             offered = [(i, (tuple(map(int, sizes[i, :, b])), int(weights[i, b]))) for i in waiting]
             room = tuple(map(int, rooms[slot, :, b]))
             placed = plain_bin(
-                offered, room, int(limits[slot, b]), Fraction(str(support)), inclusive
+                offered, room, int(limits[slot, b]), Fraction(str(support)), inclusive, rule
             )
             assert {i for i in range(count) if bins[i, b] == slot} == set(placed)
             for i, corner in placed.items():
@@ -165,7 +176,7 @@ def test_a_copy_of_what_was_refused_fits_once_something_else_has_come_in():
     room, limit = np.tile([10, 1, 6], (2, 1)), np.zeros(2, int)
     items, weights = sizes[..., None], np.zeros((5, 1))
     bins_of_it = room[..., None], limit[:, None]
-    compiled = packed(ExactRules(16, True), Rules(1.0), items, weights, *bins_of_it)
+    compiled = packed(TopFaces(16, True), Rules(1.0), items, weights, *bins_of_it)
     job = Job(tuple(ItemType((x, 1, z)) for x, _, z in sizes), (BinType((10, 1, 6), copies=2),), 2)
     genes = Genes(np.arange(5), np.zeros(5, int), np.arange(2))
     quickly = pack_quickly(load_job(job, Rules(1.0)), genes, blocks=False)
@@ -178,11 +189,9 @@ def test_a_finer_unit_changes_nothing():
     rng = np.random.default_rng(7)
     sizes = rng.integers(1, 6, (20, 3, 50))
     rooms, limits, still = np.full((6, 3, 50), 10), np.full((6, 50), 1), np.zeros((20, 50))
-    one = packed(ExactRules(32), Rules(), sizes, still, rooms, limits)
+    one = packed(TopFaces(32), Rules(), sizes, still, rooms, limits)
     for unit, wide in ((100, False), (2**30 // 10, True)):
-        other = packed(
-            ExactRules(32), Rules(), sizes * unit, still, rooms * unit, limits, wide=wide
-        )
+        other = packed(TopFaces(32), Rules(), sizes * unit, still, rooms * unit, limits, wide=wide)
         np.testing.assert_array_equal(one[0], other[0])
         np.testing.assert_array_equal(one[1] * unit, other[1])
     assert (one[0] >= 0).all()
@@ -192,7 +201,7 @@ def test_corners_stand_on_the_grid_that_is_asked_for():
     rng = np.random.default_rng(8)
     sizes = rng.integers(1, 60, (20, 3, 30))
     rooms, limits, still = np.full((20, 3, 30), 100), np.full((20, 30), 1), np.zeros((20, 30))
-    bins, corners = packed(ExactRules(32), Rules(), sizes, still, rooms, limits, step=7)
+    bins, corners = packed(TopFaces(32, step=7), Rules(), sizes, still, rooms, limits)
     assert (bins >= 0).all()
     assert not (corners[:, :2] % 7).any()
     assert (corners[:, 2] % 7).any(), "heights are what lies there"
@@ -202,8 +211,27 @@ def test_bins_without_a_limit_take_any_weight():
     weights = np.full((5, 1), 2**30)
     sizes, rooms = np.ones((5, 3, 1), int), np.full((5, 3, 1), 9)
     limits = np.full((5, 1), np.iinfo(np.int32).max)
-    bins, _ = packed(ExactRules(8), Rules(), sizes, weights, rooms, limits)
+    bins, _ = packed(TopFaces(8), Rules(), sizes, weights, rooms, limits)
     assert not bins.any()
     limits[0] = 2**30 + 1
-    bins, _ = packed(ExactRules(8), Rules(), sizes, weights, rooms, limits)
+    bins, _ = packed(TopFaces(8), Rules(), sizes, weights, rooms, limits)
     assert bins[:, 0].tolist() == [0, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("rule", KEYS)
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_in_numpy_every_rule_is_the_same(rule, dimension):
+    rng = np.random.default_rng(4)
+    sides = rng.integers(2, 9, (30, 3)).astype(float)
+    sides[:, 1] = 1 if dimension == 2 else sides[:, 1]
+    room = (20.0, 1.0 if dimension == 2 else 16.0, 18.0)
+    job = Job(tuple(ItemType(tuple(side)) for side in sides), (BinType(room),), dimension)
+    loading = load_job(job, Rules(position=rule))
+    decoding, stock = encode(loading)
+    genes = first_genes(loading, stock, 0, 4)
+    bins, corners, _ = jax.jit(pack_lanes, static_argnums=0)(decoding, stock, genes)
+    for lane in range(4):
+        own = Genes(genes.order[lane][genes.order[lane] < 30], genes.turn[lane], genes.pool[lane])
+        bin, corner = pack_quickly(loading, own, blocks=False)
+        np.testing.assert_array_equal(bin, np.asarray(bins)[lane, :30])
+        np.testing.assert_array_equal(corner, np.asarray(corners)[lane, :30])

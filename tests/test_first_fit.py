@@ -10,7 +10,7 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack.learning.presets import preset
-from jaxpack.model.objectives import paper_cost
+from jaxpack.model.metrics import paper_cost
 from jaxpack.model.problem import Instance, Problem, make_instance
 from jaxpack.packing.first_fit import LANES, MANY_ITEMS, pack
 from jaxpack.packing.height_map import empty_map, rest

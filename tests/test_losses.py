@@ -8,17 +8,11 @@ import numpy as np
 import optax
 import pytest
 
-from jaxpack import (
-    PointerConfig,
-    Problem,
-    init_pointer,
-    make_instance,
-    pack,
-    paper_cost,
-    sample_order,
-    score_order,
-)
+from jaxpack import Problem, make_instance, pack
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
+from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.pointer_network import init_pointer, sample_order, score_order
+from jaxpack.model.objectives import paper_cost
 
 PROBLEM = Problem(bin=(5, 1, 5))
 CONFIG = PointerConfig(hidden=8, critic=4)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxpack.errors import UserError
-from jaxpack.model.objectives import (
+from jaxpack.model.metrics import (
     bins_first_cost,
     bins_used,
     compactness,

@@ -11,7 +11,6 @@ import pytest
 from cases import TINY, packer
 
 from jaxpack import (
-    NETWORKS,
     MethodOptions,
     Policy,
     TrainConfig,
@@ -23,6 +22,7 @@ from jaxpack import (
 )
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.learning.losses import Outcome
+from jaxpack.learning.networks import NETWORKS
 from jaxpack.learning.trainer import init_state, train_chunk
 from jaxpack.model.instances import Distribution, sample
 from jaxpack.model.packing_check import check_packings

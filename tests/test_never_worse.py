@@ -11,7 +11,7 @@ from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Distribution, sample
-from jaxpack.model.objectives import bins_first_cost, paper_cost
+from jaxpack.model.metrics import bins_first_cost, paper_cost
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.search.brkga import BrkgaConfig, genetic
 from jaxpack.search.evolved import evolved

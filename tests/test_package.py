@@ -2,11 +2,13 @@
 
 import ast
 import importlib
+import inspect
 import itertools
 import re
 import subprocess
 import sys
 import tomllib
+import typing
 from pathlib import Path
 
 import pytest
@@ -44,26 +46,64 @@ def test_nothing_is_imported_before_it_is_needed(lines, allowed):
 
 
 def names_for_type_checkers():
-    """Name -> module of what `jaxpack/__init__.py` imports for type checkers alone."""
-    tree = ast.parse(Path(jaxpack.__file__).read_text())
-    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    """Name -> module of what `jaxpack/__init__.pyi` imports."""
+    tree = ast.parse(Path(jaxpack.__file__).with_suffix(".pyi").read_text())
     return {
         alias.asname: importlib.import_module(line.module)
-        for line in block.body
+        for line in tree.body
+        if isinstance(line, ast.ImportFrom)
         for alias in line.names
         if alias.name == alias.asname  # what makes it public for them
     }
 
 
+PUBLIC = names_for_type_checkers()
+
+
 def test_every_name_is_there_for_a_program_and_for_a_type_checker():
-    promised = names_for_type_checkers()
-    assert sorted(promised) == jaxpack.__all__
-    for name, home in promised.items():
+    assert sorted(PUBLIC) == jaxpack.__all__
+    for name, home in PUBLIC.items():
         if name != "solve":  # shares its name with a module, below
             assert getattr(jaxpack, name) is getattr(home, name)
     assert set(jaxpack.__all__) <= set(dir(jaxpack))
     with pytest.raises(AttributeError, match="'choose_turned'"):
         jaxpack.choose_turned  # noqa: B018
+
+
+PURE = {"sample", "make_train", "reset", "candidates", "step"}  # made for jit: they refuse nothing
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_name_says_what_it_takes(name):
+    thing = getattr(PUBLIC[name], name)
+    text = inspect.getdoc(thing)
+    assert text
+    if not inspect.isclass(thing):
+        for argument in inspect.signature(thing).parameters:
+            assert re.search(rf"^ +([\w, ]+, )?{argument}(, [\w, ]+)?: ", text, re.MULTILINE), (
+                argument
+            )
+        assert not inspect.signature(thing).parameters or "Raises:" in text or name in PURE
+    elif not issubclass(thing, Exception):
+        lines = inspect.getsource(thing).splitlines()
+        for field in typing.get_type_hints(thing):
+            if re.search(rf"^    {field}: ", text, re.MULTILINE):
+                continue  # under "Attributes:"
+            (at,) = [n for n, line in enumerate(lines) if re.match(rf"    {field}: ", line)]
+            here = "  # " in lines[at] or lines[at - 1].startswith("    # ")
+            assert here or lines[at + 1].startswith('    """'), field
+
+
+OLD = [(home, name) for home, names in jaxpack._MOVED.items() for name in names.split()]
+
+
+@pytest.mark.parametrize(("home", "name"), OLD)
+def test_a_name_that_has_moved_still_works_and_says_where_it_is(home, name):
+    with pytest.warns(DeprecationWarning, match=f"import it from {home}$") as warned:
+        found = getattr(jaxpack, name)
+    assert warned[0].filename == __file__
+    assert found is getattr(importlib.import_module(home), name)
+    assert name not in dir(jaxpack)
 
 
 STATEMENTS = (

@@ -8,14 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpack import (
-    Instance,
-    PointerConfig,
-    Problem,
+from jaxpack import Instance, Problem, make_instance
+from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.pointer_network import (
     apply_value,
     greedy_order,
     init_pointer,
-    make_instance,
     sample_order,
     score_order,
 )

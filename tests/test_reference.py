@@ -15,7 +15,7 @@ import pytest
 
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D, PRESETS
 from jaxpack.model.instances import sample_at
-from jaxpack.model.objectives import bins_used, compactness, lower_bound, pyramid
+from jaxpack.model.metrics import bins_used, compactness, lower_bound, pyramid
 from jaxpack.packing.first_fit import pack
 from jaxpack.search.heuristics import footprint_order, height_order, random_order, volume_order
 

@@ -12,7 +12,7 @@ from cases import packer
 
 from jaxpack.learning.presets import PAPER_2D
 from jaxpack.model.instances import Distribution, sample
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.search.brkga import BrkgaConfig, genetic

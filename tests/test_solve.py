@@ -21,9 +21,8 @@ from jaxpack import cli
 from jaxpack.errors import UserError
 from jaxpack.io.certificates import read_certificate
 from jaxpack.io.plans import read_plan_json
-from jaxpack.model.bounds import bounds
-from jaxpack.model.figures import total_cost
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.portfolio import End, Progress
 from jaxpack.search.quick import pack_quickly
@@ -38,22 +37,24 @@ ROOM = {"X": [10], "Y": [10], "Z": [10]}
 TINY = Job((ItemType((4.0, 4.0, 4.0), 3), ItemType((5.0, 3.0, 2.0), 2)), (BinType((10.0,) * 3),))
 
 
-def one_per_bin(job, options, stop=None):
-    """A plan that is valid and no good, as improve would yield it."""
+def one_per_bin(job, options, stop=None, progress=lambda better: None):
+    """A plan that is valid and no good, as `solve_job` would end with it."""
     copies = [index for index, item in enumerate(job.items) for _ in range(item.copies)]
     bins = tuple(
         PackedBin(0, (Placement(item, job.items[item].orientations[0], (0.0, 0.0, 0.0)),))
         for item in copies
     )
     plan = Plan(bins)
-    return Progress(plan, len(bins), total_cost(job, plan), bounds(job), 0.5, 7, End.TIME)
+    found = Progress(job, plan, bounds(job), 0.5, 7, End.TIME)
+    progress(found)
+    return found
 
 
 @pytest.fixture
 def quick(monkeypatch):
     """The stand-in for the search, in the function and in the door."""
     monkeypatch.setattr("jaxpack.solution.solve_job", one_per_bin)
-    monkeypatch.setattr(door, "improve", lambda job, *how: iter([one_per_bin(job, *how)]))
+    monkeypatch.setattr(door, "solve_job", one_per_bin)
 
 
 @pytest.fixture
@@ -232,9 +233,9 @@ def test_what_is_left_out_is_named(home, monkeypatch, capsys):
         progress = one_per_bin(job, *how)
         plan = Plan(progress.plan.bins[2:], (0, 0, 2, 2, 2))
         kept = replace(plan, bins=plan.bins[:-3])
-        yield replace(progress, plan=kept, bins=len(kept.bins), end=End.BOUND)
+        return replace(progress, plan=kept, end=End.BOUND)
 
-    monkeypatch.setattr(door, "improve", leaves_out)
+    monkeypatch.setattr(door, "solve_job", leaves_out)
     write(home, items=ITEMS.replace("6,6,6", "6,6,16"), bins=BINS)
     assert run(monkeypatch, "items.csv", "bins.csv", "--skip-unfit") == 2
     output, errors = capsys.readouterr()
@@ -271,7 +272,7 @@ def test_an_invalid_plan_is_never_written(home, monkeypatch, capsys):
 def test_orders_are_solved_one_after_the_other(home, monkeypatch, capsys, quick):
     (home / "orders.json").write_text(json.dumps(ORDERS | {"tall": order((600, 400, 1700))}))
     outputs = ["--out", "p.json", "--steps", "s.csv", "--bed-bpp", "all.json"]
-    monkeypatch.setattr(door, "improve", lambda job, *how: unless_tall(job, *how))
+    monkeypatch.setattr(door, "solve_job", unless_tall)
     assert run(monkeypatch, "orders.json", *outputs) == 2, "not all of it could be done"
     output, errors = capsys.readouterr()
     names = {path.name for path in home.iterdir()}
@@ -293,7 +294,7 @@ def test_orders_are_solved_one_after_the_other(home, monkeypatch, capsys, quick)
 def unless_tall(job, *how):
     if job.name == "tall":
         raise UserError("too tall")
-    yield one_per_bin(job, *how)
+    return one_per_bin(job, *how)
 
 
 def test_one_order_by_name(home, monkeypatch, capsys, quick):

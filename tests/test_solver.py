@@ -183,7 +183,7 @@ def test_plans_made_without_compiling_are_those_of_the_kernel(
         expected, corners = (np.asarray(leaf[lane])[: job.count] for leaf in packed[:2])
         np.testing.assert_array_equal(bin, expected)
         np.testing.assert_array_equal(corner[bin >= 0], corners[bin >= 0])
-        np.testing.assert_allclose(cost_of(loading.stock, bin), packed[2][lane], rtol=1e-5)
+        np.testing.assert_allclose(cost_of(loading, own, bin, corner), packed[2][lane], rtol=1e-5)
         assert (bin >= 0).all() == (copies is None), "nothing was left out, or all packed"
         orders.add((tuple(own.order.tolist()), tuple(own.turn.tolist())))
         # Many at once are as valid.
@@ -297,7 +297,8 @@ def test_a_search_is_one_program_and_goes_on_from_what_it_is_given():
     assert sum(tried for _, tried in turns) > 32
     costs = [float(best.cost) for best, _ in turns]
     assert costs == sorted(costs, reverse=True)
-    assert costs[0] <= cost_of(loading.stock, pack_quickly(loading, given, blocks=False)[0]) + 1e-5
+    packing = pack_quickly(loading, given, blocks=False)
+    assert costs[0] <= cost_of(loading, given, *packing) + 1e-5
     assert advance._cache_size() == before + 1
     assert not [*islice(search(loading, 0, 60.0, wanted=lambda: False), 1, None)]
 

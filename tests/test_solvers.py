@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from jaxpack.errors import UserError
 from jaxpack.learning.presets import PAPER_2D
 from jaxpack.model.instances import Distribution, sample
-from jaxpack.model.objectives import bins_first_cost, paper_cost
+from jaxpack.model.metrics import bins_first_cost, paper_cost
 from jaxpack.model.problem import Instance
 from jaxpack.search.brkga import BrkgaConfig, brkga, keys_of
 from jaxpack.search.heuristics import (

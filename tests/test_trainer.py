@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from cases import TINY
 
-from jaxpack import Cell, Distribution, PointerConfig, TrainConfig, init_state, make_train
+from jaxpack import Cell, Distribution, TrainConfig, make_train
 from jaxpack.errors import UserError
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.learning import trainer
 from jaxpack.learning.losses import Outcome
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.trainer import (
     ChunkMetrics,
+    init_state,
     train_chunk,
     train_step,
     train_updates,

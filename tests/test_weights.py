@@ -17,13 +17,13 @@ from jaxpack import (
     Policy,
     UserError,
     compare,
-    init_pointer,
     load_policy,
     make_method,
     preset,
     save_policy,
 )
 from jaxpack.io.weights import shipped_policies
+from jaxpack.learning.pointer_network import init_pointer
 
 RECIPE = preset("paper-2d")
 
@@ -32,7 +32,7 @@ RECIPE = preset("paper-2d")
 def saved(tmp_path):
     params = init_pointer(RECIPE.problem, RECIPE.policy, jax.random.key(0))
     path = tmp_path / "mine.npz"
-    save_policy(path, Policy(RECIPE, params), {"seed": 0})
+    save_policy(str(path), Policy(RECIPE, params), {"seed": 0})
     return path, params
 
 
@@ -99,14 +99,14 @@ def test_shipped_policies_beat_the_best_sort(dimension):
     assert bins["pointer"] < bins["height"]
 
 
-README = (Path(__file__).parent.parent / "README.md").read_text()
+BENCHMARKS = (Path(__file__).parent.parent / "docs" / "benchmarks.md").read_text()
 
 
 @pytest.mark.parametrize("dimension", ["2d", pytest.param("3d", marks=pytest.mark.slow)])
-def test_the_bin_aware_policies_give_their_row_in_the_readme(dimension):
+def test_the_bin_aware_policies_give_their_row_in_the_benchmarks(dimension):
     assert f"bin-aware-{dimension}" in shipped_policies()
     recipe = preset(f"paper-{dimension}")
-    rows = re.findall(r"^bin-aware +([\d.]+) +([\d.]+) +([\d.]+) ", README, re.MULTILINE)
+    rows = re.findall(r"^bin-aware +([\d.]+) +([\d.]+) +([\d.]+) ", BENCHMARKS, re.MULTILINE)
     figures = rows[["2d", "3d"].index(dimension)]
     options = MethodOptions(kinds=recipe.kinds)
     method = make_method("bin-aware", recipe.problem, options)

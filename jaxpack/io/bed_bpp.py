@@ -22,7 +22,9 @@ _SIDES = ("length/mm", "width/mm", "height/mm")
 _LABELS = ("article", "id", "product_group", "sequence")
 
 
-def read_orders(path: Path, bins: tuple[BinType, ...] | None = None) -> list[Job]:
+def read_orders(
+    path: Path, bins: tuple[BinType, ...] | None = None, copies: int | None = None
+) -> list[Job]:
     """A job per order: equal items are copies of one; upright, any side ahead.
 
     What an item is beside its sides and weight is kept, for each copy, in `ItemType.tags`.
@@ -30,6 +32,7 @@ def read_orders(path: Path, bins: tuple[BinType, ...] | None = None) -> list[Job
     Args:
         path: a .json file.
         bins: instead of the targets that the orders name.
+        copies: how many targets each order may have; any number if not given.
 
     Raises:
         UserError: naming the order, the item and the key.
@@ -37,10 +40,12 @@ def read_orders(path: Path, bins: tuple[BinType, ...] | None = None) -> list[Job
     orders = read_json(path)
     if not isinstance(orders, dict) or not orders:
         raise fault(path, "expected an object of orders by name, as BED-BPP has them")
-    return [_order(f"{path}: order '{name}'", name, orders[name], bins) for name in orders]
+    return [_order(f"{path}: order '{name}'", name, orders[name], bins, copies) for name in orders]
 
 
-def _order(where: str, name: str, order: Any, bins: tuple[BinType, ...] | None) -> Job:
+def _order(
+    where: str, name: str, order: Any, bins: tuple[BinType, ...] | None, targets: int | None
+) -> Job:
     sequence = member(order, "item_sequence", dict, where)
     if not sequence:
         raise fault(where, "key 'item_sequence' has no items: give at least one")
@@ -54,7 +59,7 @@ def _order(where: str, name: str, order: Any, bins: tuple[BinType, ...] | None) 
     items = tuple(
         replace(kind, copies=len(copies), tags=tuple(copies)) for kind, copies in tags.items()
     )
-    return Job(items, bins or (_target(where, order),), name=name)
+    return Job(items, bins or (_target(where, order, targets),), name=name)
 
 
 def _item(where: str, item: Any) -> ItemType:
@@ -68,7 +73,7 @@ def _item(where: str, item: Any) -> ItemType:
     return ItemType((x, y, z), weight=weight, orientations=UPRIGHT, name=str(label))
 
 
-def _target(where: str, order: Any) -> BinType:
+def _target(where: str, order: Any, copies: int | None) -> BinType:
     properties = order.get("properties", {})
     if not isinstance(properties, dict):
         raise fault(where, "key 'properties'", "expected an object")
@@ -76,7 +81,7 @@ def _target(where: str, order: Any) -> BinType:
     if not isinstance(target, str) or target not in TARGETS:
         what = f"{show(target)} is not known: use {' or '.join(TARGETS)}, or give a file of bins"
         raise fault(where, "key 'target'", what)
-    return BinType(TARGETS[target], name=target)
+    return BinType(TARGETS[target], copies=copies, name=target)
 
 
 def write_bed_bpp(

@@ -23,6 +23,7 @@ from jaxpack.model.job import (
     Sides,
 )
 from jaxpack.model.numbers import fault, plain, show
+from jaxpack.model.objectives import objective_of
 
 MOST_BINS = 100_000  # of a certificate, copies included
 MOST_SCALE = 10**6
@@ -112,7 +113,8 @@ def read_certificate(path: Path, job: Job) -> Plan:
     # GROUP_ID, which says nothing here, is not in older ones.
     table.need(column for column in _COLUMNS[job.dimension] if column != "GROUP_ID")
     scale = _scale(table, job)
-    bins: dict[int, tuple[int, int, list[Placement]]] = {}  # number: type, copies, placements
+    # Number: type, copies, placements, height if that is the plan's.
+    bins: dict[int, tuple[int, int, list[Placement], float | None]] = {}
     total = 0
     for row in table.rows():
         kind = row.text("TYPE").upper()
@@ -127,8 +129,12 @@ def read_certificate(path: Path, job: Job) -> Plan:
             total += copies
             if total > MOST_BINS:
                 raise fault(row.at("COPIES"), f"more than {MOST_BINS:,} bins in all")
-            _check_sides(row, job, job.bins[bin_type].size, scale, f"bins of type {bin_type}")
-            bins[number] = bin_type, copies, []
+            x, y, z = job.bins[bin_type].size
+            height = None
+            if objective_of(job).open_bin:
+                z = height = row.size("LY" if job.dimension == 2 else "LZ") / scale
+            _check_sides(row, job, (x, y, z), scale, f"bins of type {bin_type}")
+            bins[number] = bin_type, copies, [], height
         elif kind == "ITEM":
             if number not in bins:
                 raise fault(row.at("BIN"), f"bin {number} has no BIN row before this one: add it")
@@ -138,8 +144,8 @@ def read_certificate(path: Path, job: Job) -> Plan:
         else:
             raise fault(row.at("TYPE"), f"{show(kind)} is not known: use BIN or ITEM")
     packed = [
-        PackedBin(bin_type, tuple(placements))
-        for bin_type, copies, placements in bins.values()
+        PackedBin(bin_type, tuple(placements), height)
+        for bin_type, copies, placements, height in bins.values()
         for _ in range(copies)
     ]
     return Plan(tuple(packed), _left_out(job, packed))
@@ -151,7 +157,8 @@ def _scale(table: Table, job: Job) -> int:
     if row is None:
         return 1
     size = job.bins[row.whole("ID", low=0, high=len(job.bins) - 1)].size
-    columns = zip(_AXES[job.dimension], ("LX", "LY", "LZ"), strict=False)
+    columns = [*zip(_AXES[job.dimension], ("LX", "LY", "LZ"), strict=False)]
+    columns = columns[:-1] if objective_of(job).open_bin else columns
     ratios = [row.number(column) / size[axis] for axis, column in columns]
     scale = round(ratios[0]) if 1 <= ratios[0] <= MOST_SCALE else 1
     return scale if all(math.isclose(ratio, scale, rel_tol=1e-6) for ratio in ratios) else 1

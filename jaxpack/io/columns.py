@@ -18,6 +18,7 @@ from jaxpack.io.spreadsheets import plain_numbers
 from jaxpack.io.tables import Table
 from jaxpack.model.job import ORIENTATIONS
 from jaxpack.model.numbers import fault, show
+from jaxpack.model.objectives import Objective, named
 
 SIDES = {2: ("WIDTH", "HEIGHT"), 3: ("X", "Y", "Z")}
 ROTATIONS = {f"ROTATION_{name}": name for name in ORIENTATIONS}
@@ -39,6 +40,12 @@ class Reading:
     ignore: frozenset[str] = frozenset()  # columns, in capitals, that are left out of account
     packingsolver: bool = False  # what is not said means what it does in PackingSolver
     say: Say = silent  # takes a line for everything that was assumed
+    objective: str = ""  # of the job; see `Job.objective`
+
+    @property
+    def goal(self) -> Objective:
+        """What is wanted, as far as it says which columns mean something."""
+        return named(self.objective or "bins")
 
 
 @dataclass(frozen=True)
@@ -47,16 +54,27 @@ class Kind:
 
     numbers: tuple[str, ...]
     flags: Mapping[int, tuple[str, ...]]  # by dimension
-    meant: Mapping[str, str]  # another word -> the column that says it
+    meant: dict[str, str]  # another word -> the column that says it
     foreign: Mapping[str, foreign.Harmless]
 
     def columns(self, dimension: int) -> tuple[str, ...]:
         """All columns that are obeyed."""
         return (*SIDES[dimension], *self.numbers, *self.flags[dimension], *NAMES)
 
+    def wanted(self, goal: Objective) -> "Kind":
+        """With the columns that are obeyed for that objective."""
+        obeyed = [name for name in goal.obeys if name in self.foreign]
+        rest = {name: what for name, what in self.foreign.items() if name not in obeyed}
+        if goal.leaves_out and "COPIES_MIN" in rest:
+            rest["COPIES_MIN"] = foreign.zero
+        meant = {word: column for word, column in _GOALS.items() if column in obeyed}
+        return Kind((*self.numbers, *obeyed), self.flags, self.meant | meant, rest)
+
 
 _COUNTS = ("QTY", "QUANTITY", "COUNT", "AMOUNT", "PIECES", "PCS", "NUMBER", "UNITS", "COPY")
 _LOADS = ("WEIGHT", "MAX_WEIGHT", "MAXWEIGHT", "WEIGHT_LIMIT", "PAYLOAD", "MAX_LOAD", "CAPACITY")
+
+_GOALS = {"VALUE": "PROFIT", "WORTH": "PROFIT", "REVENUE": "PROFIT", "PRICE": "PROFIT"}
 
 ITEMS = Kind(
     numbers=("COPIES", "WEIGHT"),
@@ -110,7 +128,7 @@ def understand(table: Table, kind: Kind, reading: Reading) -> Understood:
     Raises:
         UserError: naming the column that is missing, twice there, misspelt or not obeyed.
     """
-    there = frozenset(table.columns)
+    there, kind = frozenset(table.columns), kind.wanted(reading.goal)
     kept = tuple("" if name in reading.ignore else name for name in table.columns)
     table, called, unit = _renamed(replace(table, columns=kept), reading.say)
     dimension = _dimension(table)

@@ -23,7 +23,8 @@ _TRUCK = (
 _TRIMS = ("LEFT_TRIM", "RIGHT_TRIM", "BOTTOM_TRIM", "TOP_TRIM")
 
 
-def _zero(row: Row, column: str) -> bool:
+def zero(row: Row, column: str) -> bool:
+    """Whether the cell is 0."""
     return row.number(column) == 0
 
 
@@ -52,10 +53,10 @@ def _volume(row: Row, column: str) -> bool:
 OF_ITEMS: dict[str, Harmless] = {
     "COPIES_MIN": _all_copies,
     "PROFIT": _volume,
-    "GROUP_ID": _zero,
-    "STACKABILITY_ID": _zero,
-    "NESTING_HEIGHT": _zero,
-    "NESTING_LENGTH": _zero,
+    "GROUP_ID": zero,
+    "STACKABILITY_ID": zero,
+    "NESTING_HEIGHT": zero,
+    "NESTING_LENGTH": zero,
     "MAXIMUM_STACKABILITY": _no_limit,
     "MAXIMUM_WEIGHT_ABOVE": _no_limit,
     "MAXIMUM_WEIGHT_AFTER": _no_limit,
@@ -63,11 +64,11 @@ OF_ITEMS: dict[str, Harmless] = {
     "STACK_ID": _none,
 }
 OF_BINS: dict[str, Harmless] = {
-    "COPIES_MIN": _zero,
+    "COPIES_MIN": zero,
     "MAXIMUM_STACK_DENSITY": _no_limit,
-    **dict.fromkeys(_TRUCK, _zero),
+    **dict.fromkeys(_TRUCK, zero),
     **dict.fromkeys(_AXLES, _no_limit),
-    **dict.fromkeys(_TRIMS, _zero),
+    **dict.fromkeys(_TRIMS, zero),
     **{f"{trim}_TYPE": _any for trim in _TRIMS},
 }
 

@@ -2,20 +2,24 @@
 
 A table has a header with its columns in any order, capitals or not.
 
-    2D items   WIDTH, HEIGHT [, COPIES, WEIGHT, ORIENTED, NAME or ID]
+    2D items   WIDTH, HEIGHT [, COPIES, WEIGHT, ORIENTED, PROFIT, NAME or ID]
     2D bins    WIDTH, HEIGHT [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
-    3D items   X, Y, Z [, COPIES, WEIGHT, ROTATION_XYZ, ..., ROTATION_ZXY, NAME or ID]
+    3D items   X, Y, Z [, COPIES, WEIGHT, ROTATION_XYZ, ..., ROTATION_ZXY, PROFIT, NAME or ID]
     3D bins    X, Y, Z [, COST, COPIES, MAXIMUM_WEIGHT, NAME or ID]
 
 An empty cell is as no column. Items have 1 copy then and weigh nothing. In 2D ORIENTED 0 lets an
 item be turned by a quarter; without that items may not be turned, as in the standard instances. In
 3D items may be turned as the ROTATION columns with 1 say, without any not at all. For bins empty
-or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. See docs/file-formats.md.
+or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. PROFIT is for the objective
+value: without it items are worth their volume, and bins without COPIES are one. For the objective
+height that of a bin may be empty or -1: it is open. See docs/file-formats.md.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -38,36 +42,40 @@ from jaxpack.io.tables import Row, Table, table_from_columns
 from jaxpack.io.texts import read_text
 from jaxpack.model.exact import exact
 from jaxpack.model.job import FLAT_TURNED, MOST_ITEMS, BinType, ItemType, Job, Sides
-from jaxpack.model.numbers import as_size, as_whole, fault, plain
+from jaxpack.model.numbers import as_profit, as_size, as_whole, fault, plain
 
 TABLES = (".csv", ".tsv", ".txt", *WORKBOOKS)
 
 
 def read_job(
-    items: Path,
-    bins: Path | None = None,
+    items: str | PathLike[str],
+    bins: str | PathLike[str] | None = None,
     *,
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
+    objective: str = "",
     say: Say = silent,
 ) -> list[Job]:
-    """The jobs of a file: one, or of a BED-BPP file one per order.
+    """The jobs of a file, in its units: one, or of a BED-BPP file one per order.
 
     Args:
-        items: a file .csv, .xlsx, .ins2D or .json.
-        bins: a table of bins, .csv or .xlsx. A table of items needs it; for the others it replaces
+        items: path of a file .csv, .xlsx, .ins2D or .json.
+        bins: of a table of bins, .csv or .xlsx. A table of items needs it; for others it replaces
             what their file says: the bin of an .ins2D file, the target of an order (a euro pallet,
             1200 x 800, if it names none, or a roll container, 800 x 700, both up to 2000 mm).
         ignore: columns that are left out of account, capitals or not.
         packingsolver: read tables exactly as PackingSolver 0.1.1233 does: without COPIES there is
             one bin, 2D items without ORIENTED may be turned, without a rotation that is 1 items
             are as given, -1 as MAXIMUM_WEIGHT is a limit, and decimals of lengths are cut off.
+        objective: what is wanted of a plan, a key of `OBJECTIVES`: some obey more columns. Not
+            given, the least cost if bins have costs, otherwise the fewest bins.
         say: takes a line for everything that was assumed, such as the `append` of a list.
 
     Raises:
         UserError: naming the file, the row and the column (of JSON the order and the key).
     """
-    reading = Reading(_capitals(ignore), packingsolver, say)
+    reading = Reading(_capitals(ignore), packingsolver, say, objective)
+    items, bins = Path(items), None if bins is None else Path(bins)
     kind = items.suffix.lower()
     if kind in TABLES:
         if bins is None:
@@ -83,7 +91,10 @@ def read_job(
         given = _bins(read, 2 if kind == ".ins2d" else 3, Fraction(1), reading)
     else:
         check_ignored(reading)
-    return [_read_ins2d(items, given)] if kind == ".ins2d" else read_orders(items, given)
+    if kind == ".ins2d":
+        return [_read_ins2d(items, given, reading)]
+    jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None)
+    return [replace(job, objective=objective) for job in jobs] if objective else jobs
 
 
 def job_from_columns(
@@ -93,6 +104,7 @@ def job_from_columns(
     *,
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
+    objective: str = "",
     say: Say = silent,
 ) -> Job:
     """A job from tables of a program, with the columns of the CSV files.
@@ -102,12 +114,12 @@ def job_from_columns(
             NaN and NA are empty cells.
         bins: likewise.
         name: the job's name.
-        ignore, packingsolver, say: see `read_job`.
+        ignore, packingsolver, objective, say: see `read_job`.
 
     Raises:
         UserError: naming the table, the row, counted from 0, and the column.
     """
-    reading = Reading(_capitals(ignore), packingsolver, say)
+    reading = Reading(_capitals(ignore), packingsolver, say, objective)
     tables = table_from_columns(items, "items"), table_from_columns(bins, "bins")
     return _job(*tables, name, reading)
 
@@ -122,18 +134,32 @@ def _job(items: Table, bins: Table, name: str, reading: Reading) -> Job:
     check_ignored(reading, goods, rooms)
     types = _items(goods, reading)
     factor = same_unit(goods, rooms, reading.say)
-    return Job(types, _bins(rooms, goods.dimension, factor, reading), goods.dimension, name)
+    kinds = _bins(rooms, goods.dimension, factor, reading)
+    return Job(types, kinds, goods.dimension, name, reading.objective)
 
 
-def _size(row: Row, dimension: int, whole: bool) -> Sides:
-    sides = [row.size(column) for column in SIDES[dimension]]
+def _size(row: Row, dimension: int, whole: bool, end: float | None = None) -> Sides:
+    """The sides; where there is an end, it is the last."""
+    columns = SIDES[dimension] if end is None else SIDES[dimension][:-1]
+    sides = [row.size(column) for column in columns]
     if whole:
-        for column, side in zip(SIDES[dimension], sides, strict=True):
+        for column, side in zip(columns, sides, strict=True):
             if side < 1 or (isinstance(row.cell(column), str) and "e" in row.cell(column).lower()):
                 what = f"{row.cell(column)} is read up to its first sign that is no digit"
                 raise fault(row.at(column), what, "PackingSolver knows whole numbers only")
         sides = [float(math.floor(side)) for side in sides]
+    sides += [] if end is None else [end]
     return (sides[0], 1.0, sides[1]) if dimension == 2 else (sides[0], sides[1], sides[2])
+
+
+def _end(row: Row, dimension: int, reading: Reading) -> float | None:
+    """Infinity if the height of a bin is open, which an empty cell says, -1 or inf; else None."""
+    height = SIDES[dimension][-1]
+    if _given(row, height) and not row.unlimited(height):
+        return None
+    if not reading.goal.open_bin:
+        raise fault(row.at(height), "the height is open: give one, or use --objective height")
+    return math.inf
 
 
 def _say_cut(read: Understood, reading: Reading) -> None:
@@ -142,7 +168,7 @@ def _say_cut(read: Understood, reading: Reading) -> None:
         return
     for row in read.table.rows():
         for column in SIDES[read.dimension]:
-            if not row.size(column).is_integer():
+            if _given(row, column) and not row.unlimited(column) and row.size(column) % 1:
                 what = f"{plain(row.size(column))} is read without its decimals"
                 reading.say(note(row.at(column), f"{what}, as PackingSolver reads all lengths"))
                 return
@@ -168,11 +194,18 @@ def _items(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
                 ways,
                 row.text(*NAMES),
                 f"row {row.row}",
+                profit=_profit(row) if "PROFIT" in reading.goal.obeys else None,
             )
         )
     if not total:
         raise fault(table.header, "all COPIES are 0: give at least one item")
     return tuple(items)
+
+
+def _profit(row: Row) -> float | None:
+    if not row.has("PROFIT") or row.number("PROFIT") == -1:
+        return None
+    return as_profit(row.number("PROFIT"), row.at("PROFIT"))
 
 
 def _count(total: int, what: str) -> int:
@@ -205,9 +238,9 @@ def _bins(
     _say_cut(read, reading)
     bins = []
     for row in table.rows():
-        size = _size(row, dimension, reading.packingsolver)
+        size = _size(row, dimension, reading.packingsolver, _end(row, dimension, reading))
         if factor != 1:
-            x, y, z = (float(exact(side) * factor) for side in size)
+            x, y, z = (float(exact(s) * factor) if s < math.inf else s for s in size)
             size = x, (1.0 if dimension == 2 else y), z
         limit, none = _limit(row, reading)
         bins.append(
@@ -229,7 +262,7 @@ def _given(row: Row, column: str) -> bool:
 
 
 def _bin_copies(row: Row, reading: Reading) -> int | None:
-    if reading.packingsolver and not row.has("COPIES"):
+    if (reading.packingsolver or reading.goal.leaves_out) and not row.has("COPIES"):
         return 1
     if not _given(row, "COPIES") or row.unlimited("COPIES"):
         return None
@@ -257,11 +290,13 @@ def _cost(row: Row) -> float:
     return cost
 
 
-def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
+def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None, reading: Reading) -> Job:
     """Lines `m`, `W H`, then m of `i w h [dmin [dmax [profit]]]`: dmin copies; may not be turned.
 
-    A strip packing file has -1 for H and needs `bins`.
+    Where items may be left out there are dmax copies, and one bin. A strip packing file has -1 for
+    H, which is open; it needs `bins` for other objectives than the height.
     """
+    goal = reading.goal
     lines = [
         (f"{path}: row {number}", line.split())
         for number, line in enumerate(read_text(path).split("\n"), 1)
@@ -277,18 +312,26 @@ def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None) -> Job:
     if number != len(lines) - 2:
         raise fault(first, "column m", f"{number} items announced, {len(lines) - 2} are there")
     if bins is None:
-        bins = (BinType(_flat(second, W=wide, H=high), where="row 2"),)
+        one = 1 if goal.leaves_out else None
+        size = _flat(second, W=wide, H="1" if goal.open_bin and high == "-1" else high)
+        size = (*size[:2], math.inf) if goal.open_bin and high == "-1" else size
+        bins = (BinType(size, copies=one, where="row 2"),)
     items = []
     total = 0
     for where, fields in lines[2:]:
         if not 3 <= len(fields) <= 6:
             raise fault(where, f"{len(fields)} fields, expected 'i w h dmin dmax profit'")
         size = _flat(where, w=fields[1], h=fields[2])
-        copies = as_whole(fields[3], f"{where}, column dmin", low=1) if len(fields) > 3 else 1
-        total = _count(total + copies, f"{where}, column dmin: {copies} copies")
-        row = where.rsplit(": ", 1)[-1]
-        items.append(ItemType(size, copies, name=fields[0], where=row))
-    return Job(tuple(items), bins, dimension=2, name=path.stem)
+        place, column = (4, "dmax") if goal.leaves_out and len(fields) > 4 else (3, "dmin")
+        copies = 1
+        if len(fields) > place:
+            copies = as_whole(fields[place], f"{where}, column {column}", low=1)
+        total = _count(total + copies, f"{where}, column {column}: {copies} copies")
+        row, profit = where.rsplit(": ", 1)[-1], None
+        if "PROFIT" in goal.obeys and len(fields) > 5:
+            profit = as_profit(fields[5], f"{where}, column profit")
+        items.append(ItemType(size, copies, name=fields[0], where=row, profit=profit))
+    return Job(tuple(items), bins, dimension=2, name=path.stem, objective=reading.objective)
 
 
 def _flat(where: str, **sides: str) -> Sides:

@@ -19,8 +19,10 @@ from jaxpack.io.texts import (
     read_json,
     write_text,
 )
+from jaxpack.model.figures import profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
-from jaxpack.model.numbers import fault, plain, show
+from jaxpack.model.numbers import as_number, as_size, fault, plain, show
+from jaxpack.model.objectives import objective_of
 
 
 def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
@@ -28,11 +30,12 @@ def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
 
     Positions are front-bottom-left corners, sides and extents along x, y and z; a bin's fill is
     the share of its volume that is filled.
+    For the objective height a bin is as high as the plan.
     """
     loads: list[list[Step]] = [[] for _ in plan.bins]
     for step in steps_of(job, plan):
         loads[step.bin].append(step)
-    bins = []
+    bins, profits = [], "PROFIT" in objective_of(job).obeys
     for number, (packed, steps) in enumerate(zip(plan.bins, loads, strict=True)):
         kind = job.bins[packed.bin]
         filled = math.fsum(step.volume for step in steps)
@@ -54,16 +57,32 @@ def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
                 "extent": sides_of(step.extent),
                 "orientation": step.placement.orientation,
                 "weight": plain(step.item.weight),
+                **({"profit": plain(float(profit_of(step.item)))} if profits else {}),
             }
             for step in steps
         ]
+        if profits:
+            about["profit"] = plain(float(sum(profit_of(step.item) for step in steps)))
         bins.append(
             f'{json_line(about)[:-1]}, "items": {json_lines(map(json_line, items), "    ")}}}'
         )
     left_out = [json_line({"item": n, "name": job.items[n].name}) for n in plan.left_out]
     head = f'"job": {json_line(job.name)},\n"dimension": {job.dimension}'
+    if job.objective:
+        head += f',\n"objective": {json_line(job.objective)}'
     lists = f'"bins": {json_lines(bins, "  ")},\n"left_out": {json_lines(left_out, "  ")}'
     write_text(path, f"{{\n{head},\n{lists}\n}}\n")
+
+
+def plan_objective(path: Path) -> str:
+    """What a plan that `write_plan_json` wrote says that it is for; "" if nothing.
+
+    Raises:
+        UserError: where it cannot be read, or that is no text.
+    """
+    data = read_json(path)
+    says = isinstance(data, dict) and "objective" in data and "job" in data
+    return member(data, "objective", str, str(path)) if says else ""
 
 
 def read_plan_json(path: Path, job: Job) -> Plan:
@@ -78,10 +97,14 @@ def read_plan_json(path: Path, job: Job) -> Plan:
     for number, one in enumerate(member(data, "bins", list, str(path))):
         where = f"{path}: bin {number}"
         bin_type = member_index(one, "type", len(job.bins), where)
-        _check_vector(one, "size", job.bins[bin_type].size, where)
+        x, y, z = job.bins[bin_type].size
+        height = None
+        if objective_of(job).open_bin:
+            z = height = as_size(member_vector(one, "size", where)[2], f"{where}, key 'size'")
+        _check_vector(one, "size", (x, y, z), where)
         items = enumerate(member(one, "items", list, where))
         placed = tuple(_placement(item, job, f"{where}, item {index}") for index, item in items)
-        bins.append(PackedBin(bin_type, placed))
+        bins.append(PackedBin(bin_type, placed, height))
     left = enumerate(member(data, "left_out", list, str(path)))
     left_out = (
         member_index(one, "item", len(job.items), f"{path}: left_out {n}") for n, one in left
@@ -96,6 +119,11 @@ def _placement(data: Any, job: Job, where: str) -> Placement:
         what = f"{show(orientation)} is not known: use {', '.join(ORIENTATIONS)}"
         raise fault(where, "key 'orientation'", what)
     _check_vector(data, "extent", job.items[index].turned(orientation), where)
+    if "profit" in data:
+        profit = float(profit_of(job.items[index]))
+        if not alike(found := as_number(data["profit"], f"{where}, key 'profit'"), profit):
+            what = f"{plain(found)}, but this job has {plain(profit)}: is it of another job?"
+            raise fault(where, "key 'profit'", what)
     return Placement(index, orientation, member_vector(data, "position", where))
 
 

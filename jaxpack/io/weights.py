@@ -6,6 +6,7 @@ Both are plain data. Loading never unpickles: nothing in a file is executed.
 import json
 import os
 from importlib import resources
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,11 @@ def shipped_policies() -> list[str]:
 
 
 def load_policy(name: str) -> Policy:
-    """A policy from the package by name, such as "pointer-2d", or from a file NAME.npz.
+    """A policy from the package, or from a file.
+
+    Args:
+        name: of the package, such as "pointer-2d"; or the path of a file NAME.npz, with NAME.json
+            beside it. Nothing in them is executed.
 
     Raises:
         UserError: where there is no such policy, or its files are damaged or foreign.
@@ -47,8 +52,18 @@ def load_policy(name: str) -> Policy:
     return _read(path)
 
 
-def save_policy(path: Path, policy: Policy, provenance: dict[str, Any]) -> None:
-    """Writes `path` (.npz) and, beside it, the recipe and provenance as .json."""
+def save_policy(path: str | PathLike[str], policy: Policy, provenance: dict[str, Any]) -> None:
+    """Writes a policy's weights, and beside them its recipe and where it comes from as .json.
+
+    Args:
+        path: of the weights, .npz. Both files are the old ones or the new ones, never half.
+        policy: the recipe and the weights.
+        provenance: plain data of any kind, such as the seed and the command.
+
+    Raises:
+        OSError: where a file cannot be written.
+    """
+    path = Path(path)
     arrays = {name: np.asarray(value) for name, value in _by_name(policy.params).items()}
     record = provenance | {"config": config_to_dict(policy.config)}
     with replace_file(path, "wb") as file:

@@ -15,7 +15,7 @@ from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
 from jaxpack.packing.table import Table
-from jaxpack.xla.pieces import side_by_side
+from jaxpack.xla.target import target
 
 if TYPE_CHECKING:
     from jaxpack.learning.bin_aware import BinAwareConfig
@@ -35,7 +35,7 @@ def bin_aware_gradient(
     rollouts are, and what it saw never leaves the cache for long. `keys`: [B, S].
     """
     batch, samples = instances.mask.shape[0], config.samples
-    most = max(1, side_by_side(LANES) // samples)
+    most = max(1, target().lanes(LANES) // samples)
     piece = max(n for n in range(1, min(most, batch) + 1) if batch % n == 0)
     pieces = jax.tree.map(lambda leaf: leaf.reshape(-1, piece, *leaf.shape[1:]), instances)
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.model.objectives import bins_used, compactness, pyramid
+from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.model.problem import Instance, Packing
 
 if TYPE_CHECKING:

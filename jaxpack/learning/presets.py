@@ -104,7 +104,15 @@ DEFAULT_PRESET = "bin-aware-2d"
 
 
 def preset(name: str) -> TrainConfig:
-    """The recipe with this name. Raises UserError naming the recipes that there are."""
+    """The recipe with this name.
+
+    Args:
+        name: bin-aware-2d or -3d, also with -range or -turned; paper-2d or paper-3d, the recipes
+            of Wang and Dong, section III.A.
+
+    Raises:
+        UserError: naming the recipes that there are.
+    """
     if name not in PRESETS:
         raise UserError(f"unknown preset '{name}': choose one of {', '.join(PRESETS)}")
     return PRESETS[name]

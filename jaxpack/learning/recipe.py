@@ -8,11 +8,11 @@ from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.networks import Network
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig
+from jaxpack.model import objectives
 from jaxpack.model.instances import Cell, Distribution
-from jaxpack.model.objectives import bins_first_cost, paper_cost
 from jaxpack.model.problem import Instance, Packing, Problem
 
-OBJECTIVES = {"paper": paper_cost, "bins": bins_first_cost}
+OBJECTIVES = {n: one.on_grid for n, one in objectives.OBJECTIVES.items() if one.on_grid}
 CHOICES: dict[str, tuple[str, ...]] = {
     "objective": tuple(OBJECTIVES),
     "schedule": ("constant", "cosine"),
@@ -29,15 +29,20 @@ LEARNERS = {
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """Everything but the seed. Hashable, static under jit. The defaults are the paper's."""
+    """Everything but the seed. Hashable, static under jit. The defaults are the paper's.
 
-    problem: Problem
-    distribution: Distribution
-    policy: Network = PointerConfig()
-    train_instances: int = 100_000
-    valid_instances: int = 10_000
+    Raises:
+        UserError: where a number is out of its range, a choice is not known, or two of them do not
+            go together.
+    """
+
+    problem: Problem  # the rules and the bin
+    distribution: Distribution  # of the items
+    policy: Network = PointerConfig()  # which network, and its widths
+    train_instances: int = 100_000  # of the fixed training set, a function of the run's key
+    valid_instances: int = 10_000  # of the fixed validation set
     batch: int = 50  # B, instances per update
-    epochs: int = 5
+    epochs: int = 5  # passes over the training set
     learning_rate: float = 5e-4  # Adam, at the start
     schedule: str = "constant"  # of the rate: constant, or cosine down to zero
     objective: str = "paper"  # the cost: R of Eq. (9), or bins + alpha (1 - C) + beta (1 - P)
@@ -114,5 +119,5 @@ class TrainConfig:
 class Policy:
     """A trained policy and the recipe that made it."""
 
-    config: TrainConfig
-    params: Params
+    config: TrainConfig  # its recipe
+    params: Params  # its weights: a pytree of float32 arrays

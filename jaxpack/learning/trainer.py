@@ -144,9 +144,17 @@ def make_train(
 ) -> Callable[..., tuple[TrainState, ChunkMetrics]]:
     """The whole run as a pure function, to jit, and to vmap over keys and rates.
 
+    REINFORCE with the baseline that the recipe names, or imitation. The critic is that of Wang and
+    Dong, Eq. (10); samples as one another's baseline are from Kool, van Hoof and Welling, Buy 4
+    REINFORCE samples, get a baseline for free (2019).
+
+    Args:
+        config: the recipe, static.
+
     Returns:
-        train(key, learning_rate=None) -> (state, metrics): the final state, and the metrics of
-        each epoch, leaves [epochs].
+        train(key, learning_rate=None) -> (state, metrics). `key` is a typed PRNG key [], the rate
+        float32 []. `state.params` are the weights after the last update; `metrics` are means over
+        each epoch, float32 [epochs].
     """
 
     def train(

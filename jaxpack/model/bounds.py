@@ -7,25 +7,23 @@ boxes that do not overlap, however they rest on each other.
 import math
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 
 from jaxpack.model.cover import Need, least
 from jaxpack.model.exact import exact
-from jaxpack.model.figures import PlanFigures, plan_worth, volume
+from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import UNLIMITED, Goods, goods_of
-from jaxpack.model.job import Job, Plan
+from jaxpack.model.job import Job
 from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
 from jaxpack.model.scales import scaled_needs
 
 WORK = 2**23  # products of lengths in scales, about: a tenth of a second
 LONGEST = 2**16  # units of a side of which it is found out what the items come to
 LIGHT = 40  # bits of a weight
-
-
-Worth = tuple[int, Fraction, int, Fraction]
+HEIGHTS = 12  # that are tried
 
 
 @dataclass(frozen=True)
@@ -35,62 +33,38 @@ class Bounds:
     bins: int
     cost: float  # see `figures.total_cost`: bins without a cost count with their volume
     unfit: int  # copies of items that no bin can hold: they are left out of every plan
-    worth: Worth  # no plan has a smaller `figures.plan_worth`
-
-    def reached_by(self, job: Job, plan: Plan) -> bool:
-        """Whether no plan is better, in anything that is minimised."""
-        return plan_worth(job, plan) <= self.worth
+    worth: tuple[Fraction | int, ...]  # no plan has a smaller `Objective.worth`
+    best: float  # nor a better `Objective.measure`
 
 
-def bounds(job: Job, seconds: float | None = None) -> Bounds:
+def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -> Bounds:
     """Bounds of a job, in work that hardly grows with it: a fraction of a second, under 200 MB.
 
     Where there are not as many bins as are needed, no plan is what the bounds are for; what they
     are then means nothing.
 
     Args:
+        parts: what of the bins is minimised, the most important first: see `figures.parts_of`.
         job: items and bins.
         seconds: after which no more bounds are tried: the first few are had in any case.
     """
     begun = time.monotonic()
     goods = goods_of(job)
     if not len(goods.copies):
-        return Bounds(0, 0.0, goods.unfit, (goods.unfit, Fraction(0), 0, Fraction(0)))
-    costs = [exact(kind.price) for kind in goods.kinds]
-    volumes = [volume(kind.size) for kind in goods.kinds]
+        return Bounds(0, 0.0, goods.unfit, (goods.unfit, *(0 for _ in parts)), 0.0)
+    each = [parts_of(kind) for kind in goods.kinds]
+    costs, ones = ([kind[part] for kind in each] for part in ("cost", "bins"))
     needs = []
     for need in _needs(goods, np.array([float(cost) for cost in costs])):
         needs.append(need)
         if seconds is not None and time.monotonic() - begun > seconds:
             break
     copies = [math.inf if kind.copies is None else kind.copies for kind in goods.kinds]
-    ones = [Fraction(1)] * len(costs)
     (bins,) = _least([ones], copies, needs)
     needs.append(Need(int(bins), (1,) * len(costs)))
-    if job.priced:
-        cost, number, room = _least([costs, ones, volumes], copies, needs)
-        worth = (goods.unfit, cost, int(number), room)
-    else:
-        (cost,) = _least([costs], copies, needs)
-        number, room = _least([ones, volumes], copies, needs)
-        worth = (goods.unfit, Fraction(0), int(number), room)
-    return Bounds(int(bins), float(cost), goods.unfit, worth)
-
-
-def gap(job: Job, figures: PlanFigures, bounds: Bounds) -> float | None:
-    """How far a plan is above the least that is possible, at most: 0.05 is 5 %.
-
-    Of the cost if the job is priced, of the bins otherwise. Infinite where that may be nothing;
-    None where items that fit are left out, as the bounds are for all of them.
-    """
-    if figures.left_out > bounds.unfit:
-        return None
-    found, least = float(figures.bins), float(bounds.bins)
-    if job.priced:
-        found, least = figures.cost, bounds.cost
-    if found <= least:
-        return 0.0
-    return found / least - 1 if least else math.inf
+    sums = _least([[kind[part] for kind in each] for part in parts], copies, needs)
+    cost = sums[0] if parts[0] == "cost" else _least([costs], copies, needs)[0]
+    return Bounds(int(bins), float(cost), goods.unfit, (goods.unfit, *sums), float(sums[0]))
 
 
 def volume_bound(job: Job) -> int:
@@ -109,6 +83,97 @@ def weight_bound(job: Job) -> int:
 def martello_bounds(job: Job, halves: bool = False) -> tuple[int, int]:
     """The bounds L1 and L2: see `jaxpack.model.martello`, for `halves` too."""
     return l1_and_l2(goods_of(job), halves)
+
+
+def most_profit(job: Job) -> tuple[Fraction, Goods]:
+    """No subset of the items that the bins can hold is worth more; and these items.
+
+    By the volume of the bins and by their weight limits: the relaxed knapsack problem of each,
+    where an item may be in a bin in part.
+    """
+    goods = goods_of(job)
+    volumes = [math.prod(row) for row in goods.sizes[0].tolist()] if len(goods.copies) else []
+    cube = goods.unit ** len(goods.axes)
+    profits = [
+        exact(profit) if profit >= 0 else volume * cube
+        for profit, volume in zip(goods.profits.tolist(), volumes, strict=True)
+    ]
+    unit = _unit(profits)
+    values = [int(profit / unit) for profit in profits]
+    most = sum(map(math.prod, zip(values, goods.copies.tolist(), strict=True)))
+    amounts = [(volumes, list(map(math.prod, _shrunk(goods).tolist())) if values else [])]
+    if (goods.limits < UNLIMITED).all():
+        amounts.append((goods.weights.tolist(), goods.limits.tolist()))
+    for each, rooms in amounts:
+        there = [(room, kind.copies) for room, kind in zip(rooms, goods.kinds, strict=True)]
+        if all(copies is not None for _, copies in there):
+            capacity = sum(room * (copies or 0) for room, copies in there)
+            most = min(most, _relaxed_knapsack(values, each, goods.copies.tolist(), capacity))
+    return most * unit, goods
+
+
+def least_height(job: Job, seconds: float | None = None) -> tuple[Fraction, Goods]:
+    """No plan with all items that fit into the one bin is lower; and these items.
+
+    By the volume over the floor and by the highest item, then by heights at which `bin_bounds`
+    proves that one bin is not enough. Every height is one of items on top of each other.
+
+    Args:
+        job: with one bin, which has a height.
+        seconds: after which no more heights are tried.
+    """
+    begun, goods = time.monotonic(), goods_of(job)
+    if not len(goods.copies):
+        return Fraction(0), goods
+    rooms, heights = _shrunk(goods)[0].tolist(), goods.sizes[..., 2]
+    volumes = _sum_of_products(*goods.sizes[0].T, goods.copies)
+    least = max(-(-volumes // (rooms[0] * rooms[1])), int(heights.min(0).max()))
+    low, high, tried, step = least - 1, math.inf, least, 1 + least // 256
+    for _ in range(HEIGHTS):
+        if _needs_two(goods, tried):
+            low = tried
+        else:
+            high = tried
+        if high - low <= 1 or (seconds is not None and time.monotonic() - begun > seconds):
+            break
+        tried, step = (low + step, 2 * step) if high == math.inf else ((low + int(high)) // 2, step)
+    least = low + 1
+    if goods.rooms[0, 2] <= LONGEST:
+        copies = np.zeros(int(goods.rooms[0, 2]) + 1, np.int64)
+        for way in np.minimum(heights, len(copies) - 1):
+            np.add.at(copies, way, goods.copies)
+        above = _sums(copies) >> least
+        least += (above & -above).bit_length() - 1 if above else 0
+    return least * goods.unit, goods
+
+
+def _needs_two(goods: Goods, height: int) -> bool:
+    """Whether a bin of that height is provably too low for all."""
+    rooms = goods.rooms.copy()
+    rooms[:, 2] = height
+    fits = goods.sizes[..., 2] <= height  # [ways, rows]
+    first = np.take_along_axis(goods.sizes, fits.argmax(0)[None, :, None], 0)
+    sizes = np.where(fits[..., None], goods.sizes, first)
+    lower = replace(goods, sizes=sizes, rooms=rooms, limits=np.full(len(rooms), UNLIMITED))
+    return any(_bins(need) > 1 for need in _needs(lower, np.ones(len(rooms))))
+
+
+def _relaxed_knapsack(values: list[int], each: list[int], copies: list[int], capacity: int) -> int:
+    """The most value of copies that need at most the capacity, rounded down: by its dual, which
+    bounds it for any price of the capacity and is it for the right one.
+    """
+    density = np.array([float(v) / a if a else math.inf for v, a in zip(values, each, strict=True)])
+    rows, left = np.argsort(-density, kind="stable").tolist(), capacity
+    for row in rows:
+        left -= each[row] * copies[row]
+        if left < 0:
+            price = Fraction(values[row], each[row])
+            break
+    else:
+        price = Fraction(0)
+    gain, per = price.numerator, price.denominator
+    over = (max(0, per * v - gain * a) * n for v, a, n in zip(values, each, copies, strict=True))
+    return (gain * capacity + sum(over)) // per
 
 
 def _least(parts: list[list[Fraction]], copies: list[float], needs: list[Need]) -> list[Fraction]:

@@ -8,9 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpack.errors import UserError
+from jaxpack.model.bounds import most_profit
 from jaxpack.model.exact import exact
-from jaxpack.model.hints import scale_hint, unfit_hint
+from jaxpack.model.figures import profit_of
+from jaxpack.model.hints import unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
+from jaxpack.model.objectives import objective_of
 from jaxpack.model.units import Units, in_units, units_of
 
 NARROW = 46_340  # units a side, of which areas fit int32
@@ -28,6 +31,7 @@ class Stock(NamedTuple):
     bins: Any  # int32 [S, 3], units
     limit: Any  # like weight [S]; the largest number of its type: no limit
     price: Any  # float32 [S], about 1: what is minimised first, and a little of what comes next
+    profit: Any  # float32 [N], share of what the bins can hold; 0 where the objective has none
     penalty: Any  # float32[], more than any packing costs: for leaving something out
     step: Any  # int32[], units: corners along x and y are multiples of it
 
@@ -46,6 +50,7 @@ class Rules:
 
     support: float = 0.5  # least share of a footprint that must be carried, 0 to 1
     inclusive: bool = False  # whether exactly that share is enough; the whole base always is
+    position: str = "lowest"  # which of its allowed positions an item takes
 
     @cached_property
     def _share(self) -> tuple[int, int]:
@@ -84,12 +89,14 @@ def load_job(
     Raises:
         UserError: naming the items that no bin can hold, unless they are to be skipped.
     """
+    job = objective_of(job).prepared(job)
     units = units_of(job, resolution)
     ways = fitting_ways(job)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]
+    skip_unfit = skip_unfit or objective_of(job).leaves_out
     if unfit and (not skip_unfit or not fit):
-        raise UserError(_unfit(job, unfit, skip_unfit))
+        raise UserError(unfit_message(job, unfit, skip_unfit))
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
     items = np.repeat(fit, [job.items[n].copies for n in fit])
     copies = [
@@ -117,24 +124,6 @@ def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
         )
 
     return tuple(map(ways, job.items))
-
-
-def _unfit(job: Job, unfit: list[int], skipped: bool) -> str:
-    """What is wrong with the first item that no bin can hold."""
-    first = job.items[unfit[0]]
-    called = f" ({first.name})" if first.name else ""
-    others = f" and {len(unfit) - 1} more" if len(unfit) > 1 else ""
-    wrong = f"no bin can hold {_sides(first.size)} in an orientation that is allowed"
-    rooms = [kind for kind in job.bins if kind.copies != 0]
-    if any(_holds(first, way, kind.size) for way in first.orientations for kind in rooms):
-        wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
-    advice = scale_hint(job) or unfit_hint(job, unfit[0])
-    advice += "" if skipped else "; or leave such items out with --skip-unfit"
-    return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
-
-
-def _holds(item: ItemType, way: str, room: Sides) -> bool:
-    return all(side <= most for side, most in zip(item.turned(way), room, strict=True))
 
 
 def plan_of(
@@ -166,7 +155,13 @@ def plan_of(
             continue
         place = Placement(item, loading.ways[item][way], (length[x], length[y], length[z]))
         packed.setdefault(slot, []).append(place)
-    inside = [PackedBin(types[slot], tuple(items)) for slot, items in packed.items()]
+    levels: dict[int, float | None] = {}
+    if objective_of(loading.job).open_bin:
+        top = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
+        levels = {s: float(int(top[bin == s].max()) * loading.units.length) for s in packed}
+    inside = [
+        PackedBin(types[slot], tuple(items), levels.get(slot)) for slot, items in packed.items()
+    ]
     return Plan(tuple(inside), tuple(left_out))
 
 
@@ -197,7 +192,10 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
         side.max(1),
     )
     noise = 1 + (lane // 12) * 0.15 * random.standard_normal(len(loading.job.items))
-    order = np.argsort(-keys[lane // 3 % 4] * noise[loading.items], kind="stable")
+    key = keys[lane // 3 % 4] * noise[loading.items]
+    if stock.profit.any():  # what is worth much for its volume comes early
+        key = key * (stock.profit / (length * width * tall)) ** (1 + lane % 2)
+    order = np.argsort(-key, kind="stable")
     rooms = stock.bins.astype(np.float64).prod(1)
     worth = (stock.price / rooms, stock.price)[lane % 2]
     kinds = len(loading.job.bins)
@@ -221,6 +219,7 @@ def padded(stock: Stock, items: int, bins: int) -> Stock:
         bins=rows(stock.bins, bins, 0),
         limit=rows(stock.limit, bins, 0),
         price=rows(stock.price, bins, 0),
+        profit=rows(stock.profit, items, 0),
     )
 
 
@@ -261,7 +260,7 @@ def _stock(
     rooms = _lengths(job, units, [kind.size for kind in job.bins])
     # What fits no bin may be longer than any number that a packer takes, and is not among its rows.
     size = np.minimum(_lengths(job, units, [item.size for item in job.items]), np.int32(2**31 - 1))
-    area = np.int32 if rooms.max() <= NARROW else np.int64
+    area = np.int32 if rooms[:, :2].max() <= NARROW else np.int64
     turned = np.ones((len(job.items), orientations, 3), np.int32)
     needed = np.ones((len(job.items), orientations), area)
     for number, allowed in enumerate(ways):
@@ -282,6 +281,7 @@ def _stock(
         bins=rooms[bins].astype(np.int32),
         limit=limit[bins],
         price=price[bins].astype(np.float32),
+        profit=_profits(job)[items],
         penalty=np.float32(2 + 2 * dearest.sum()),
         step=np.int32(units.step),
     )
@@ -314,21 +314,24 @@ def _weights(job: Job, units: Units) -> tuple[np.ndarray, np.ndarray]:
 def _prices(job: Job, items: np.ndarray) -> np.ndarray:
     """Of every bin type, float64: what is minimised first, 1 on average, and a little of the rest.
 
-    With costs: the cost, then the number of bins, then their volume. Without: the number of bins,
-    then their volume. What comes later counts less than a bin in all.
+    What comes later, see `Objective.parts`, counts less than a bin in all.
     """
     volume = np.asarray([math.prod(kind.size) for kind in job.bins])
     load = sum(math.prod(job.items[n].size) for n in items.tolist())
     few = max(1.0, load / volume.max())
     little = 0.2 / few
-    ties = little * (volume / volume.max())
-    if not job.priced:
-        return 1 + ties
     cost = np.asarray([kind.price for kind in job.bins])
-    scale = cost[cost > 0].min() if (cost > 0).any() else 1.0
-    prices: np.ndarray = cost / scale + little + ties
+    each = {"cost": cost, "bins": np.ones(len(cost)), "volume": volume}
+    first, *later = (each[part] for part in objective_of(job).parts)
+    prices: np.ndarray = first / min(first[first > 0], default=1.0)
+    for part in later:
+        prices = prices + little * (part / max(part.max(), 1e-300))
     return prices
 
 
-def _sides(size: Sides) -> str:
-    return " x ".join(f"{side:g}" for side in size)
+def _profits(job: Job) -> np.ndarray:
+    """Of every item type, float32; see `Stock.profit`."""
+    if "PROFIT" not in objective_of(job).obeys:
+        return np.zeros(len(job.items), np.float32)
+    most, _ = most_profit(job)
+    return np.array([float(profit_of(item) / (most or 1)) for item in job.items], np.float32)

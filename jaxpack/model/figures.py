@@ -1,15 +1,15 @@
-"""What a plan amounts to: bins, fill, weight, cost."""
+"""What a plan amounts to: bins, fill, weight, cost, exactly."""
 
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 
 from jaxpack.model.exact import exact, whole
-from jaxpack.model.job import Job, PackedBin, Plan, Sides
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Plan, Sides
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,16 @@ def plan_figures(job: Job, plan: Plan) -> PlanFigures:
     )
 
 
+def levelled(job: Job, plan: Plan) -> Job:
+    """The job with its bins as high as those of the plan, where they are open or that is less."""
+    heights = {packed.bin: job.room(packed) for packed in plan.bins}
+    sizes = [heights.get(number, kind.size) for number, kind in enumerate(job.bins)]
+    if sizes == [kind.size for kind in job.bins]:
+        return job
+    kinds = zip(job.bins, sizes, strict=True)
+    return replace(job, bins=tuple(replace(kind, size=size) for kind, size in kinds))
+
+
 def fill(job: Job, packed: PackedBin) -> float:
     """Volume of the items in a bin / volume of the bin."""
     return _share(job, Counter(put.item for put in packed.placements), {packed.bin: 1})
@@ -42,38 +52,35 @@ def fill(job: Job, packed: PackedBin) -> float:
 
 def total_cost(job: Job, plan: Plan) -> float:
     """What the used bins cost together; those without a cost their volume."""
-    return float(_cost(job, plan))
+    return float(bins_worth(("cost",), job, plan)[1])
 
 
-def plan_worth(job: Job, plan: Plan) -> tuple[int, Fraction, int, Fraction]:
-    """What is minimised, the most important first: of two plans the smaller is the better.
-
-    Returns:
-        Copies left out, cost (0 unless the job is priced), bins, volume of the bins.
-    """
-    room = sum(
-        (volume(job.bins[kind].size) * copies for kind, copies in _used(plan).items()),
-        Fraction(0),
-    )
-    cost = _cost(job, plan) if job.priced else Fraction(0)
-    return len(plan.left_out), cost, len(plan.bins), room
+def profit_of(item: ItemType) -> Fraction:
+    """What one of them is worth: its volume, in 2D its area, if nothing is given."""
+    return volume(item.size) if item.profit is None else exact(item.profit)
 
 
-def minimised(job: Job) -> str:
-    """What is minimised, once all items that fit are packed, in words."""
-    if job.priced:
-        return "least cost, then the fewest bins, then the least volume of bins"
-    return "fewest bins, then the least volume of bins"
+def plan_profit(job: Job, plan: Plan) -> Fraction:
+    """What all packed items are worth."""
+    items = Counter(put.item for packed in plan.bins for put in packed.placements)
+    return sum((profit_of(job.items[item]) * n for item, n in items.items()), Fraction(0))
+
+
+def parts_of(kind: BinType) -> dict[str, Fraction]:
+    """What can count of a bin that is used."""
+    return {"cost": exact(kind.price), "bins": Fraction(1), "volume": volume(kind.size)}
+
+
+def bins_worth(parts: tuple[str, ...], job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
+    """Copies left out, then what the used bins come to in each of the parts of `parts_of`."""
+    used = [(parts_of(job.bins[kind]), copies) for kind, copies in _used(plan).items()]
+    sums = (sum((each[part] * n for each, n in used), Fraction(0)) for part in parts)
+    return len(plan.left_out), *sums
 
 
 def _used(plan: Plan) -> Counter[int]:
     """How many bins of each kind."""
     return Counter(packed.bin for packed in plan.bins)
-
-
-def _cost(job: Job, plan: Plan) -> Fraction:
-    used = _used(plan).items()
-    return sum((exact(job.bins[kind].price) * copies for kind, copies in used), Fraction(0))
 
 
 def _share(job: Job, items: Mapping[int, int], bins: Mapping[int, int]) -> float:

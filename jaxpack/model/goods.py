@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -30,6 +31,8 @@ class Goods:
     fits: np.ndarray  # bool [rows, kinds]; all true where there are too many to compare
     unfit: int  # copies of the other items
     axes: tuple[int, ...]  # 2D has x and z
+    unit: Fraction  # the length of one
+    profits: np.ndarray  # float [rows], of one; -1 for its volume
 
     def groups(self) -> Iterator["Goods"]:
         """All of it, then the items that fit no other bins than some, with these bins."""
@@ -56,6 +59,8 @@ class Goods:
                 self.fits[rows],
                 0,
                 self.axes,
+                self.unit,
+                self.profits[rows],
             )
 
 
@@ -64,7 +69,7 @@ def goods_of(job: Job) -> Goods:
     kinds = tuple(kind for kind in job.bins if kind.copies != 0)
     rooms = np.array([kind.size for kind in kinds], float).reshape(-1, 3)
     limits = np.array([kind.max_weight for kind in kinds], float)
-    sides, allowed, weight, copies = _rows(job)
+    sides, allowed, weight, profit, copies = _rows(job)
     turned = np.stack([sides[:, list(axes)] for axes in ORIENTATIONS.values()])
     for later in range(1, len(turned)):  # of ways that come to the same, the first
         for earlier in range(later):
@@ -82,8 +87,9 @@ def goods_of(job: Job) -> Goods:
     lengths = np.concatenate([turned.reshape(-1, 3), rooms])
     units = np.ones(lengths.shape, np.int64)  # in 2D everything is as deep as the bin
     axes = list(job.axes)
-    units[:, axes] = whole(lengths[:, axes])[0]
-    units[:, axes] //= max(1, np.gcd.reduce(units[:, axes], axis=None))
+    units[:, axes], places = whole(lengths[:, axes])
+    common = max(1, int(np.gcd.reduce(units[:, axes], axis=None)))
+    units[:, axes] //= common
     finite = np.isfinite(limits)
     heavy, _ = whole(np.concatenate([weight[some], np.where(finite, limits, 0.0)]))
     number = int(some.sum())
@@ -97,25 +103,35 @@ def goods_of(job: Job) -> Goods:
         fits=fits,
         unfit=unfit,
         axes=job.axes,
+        unit=Fraction(common, 10**places),
+        profits=profit[some],
     )
 
 
-def _rows(job: Job) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Sides [n, 3], allowed orientations [6, n], weights [n], copies [n] of different items."""
+def _rows(job: Job) -> tuple[np.ndarray, ...]:
+    """Sides [n, 3], allowed orientations [6, n], weights, profits, copies [n] of different items.
+
+    Those with no profit of their own have -1.
+    """
     codes: dict[tuple[str, ...], int] = {}
     items = [item for item in job.items if item.copies]
     table = np.array(
         [
-            (*item.size, item.weight, codes.setdefault(item.orientations, len(codes)))
+            (
+                *item.size,
+                item.weight,
+                codes.setdefault(item.orientations, len(codes)),
+                -1 if item.profit is None else item.profit,
+            )
             for item in items
         ],
         float,
-    ).reshape(-1, 5)
+    ).reshape(-1, 6)
     rows, which = np.unique(table, axis=0, return_inverse=True)
     copies = np.zeros(len(rows), np.int64)
     np.add.at(copies, which.ravel(), [item.copies for item in items])
     known = np.array([[way in ways for way in ORIENTATIONS] for ways in codes]).reshape(-1, 6)
-    return rows[:, :3], known[rows[:, 4].astype(int)].T.copy(), rows[:, 3], copies
+    return rows[:, :3], known[rows[:, 4].astype(int)].T.copy(), rows[:, 3], rows[:, 5], copies
 
 
 def _fitting(

@@ -14,6 +14,27 @@ FACTORS = {  # between two units of length -> which they may be
 TINY = 0.01  # of one bin: less than that all items together seldom fill
 
 
+def unfit_message(job: Job, unfit: list[int], skipped: bool) -> str:
+    """The one line about items, by index in `job.items`, that no bin can hold.
+
+    Args:
+        job: the job.
+        unfit: the items; the first one is named.
+        skipped: whether such items are left out where others fit.
+    """
+    first = job.items[unfit[0]]
+    called = f" ({first.name})" if first.name else ""
+    others = f" and {len(unfit) - 1} more" if len(unfit) > 1 else ""
+    sides = " x ".join(f"{side:g}" for side in first.size)
+    wrong = f"no bin can hold {sides} in an orientation that is allowed"
+    rooms = [kind for kind in job.bins if kind.copies != 0]
+    if any(_fits(first, way, rooms) for way in first.orientations):
+        wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
+    advice = scale_hint(job) or unfit_hint(job, unfit[0])
+    advice += "" if skipped else "; or leave such items out with --skip-unfit"
+    return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
+
+
 def unfit_hint(job: Job, item: int) -> str:
     """What would make an item fit: to allow an orientation, a higher limit, or a larger bin.
 
@@ -55,6 +76,8 @@ def scale_hint(job: Job) -> str | None:
                 return f"{what}: are they in {small} and the bins in {large}?"
         return None
     least = min(math.prod(one.size) for one in bins)
+    if least == math.inf:
+        return None
     share = math.fsum(item.copies * math.prod(item.size) for item in items) / least
     if share >= TINY or not all(_scaled_fits(job, item, bins, 10.0) for item in items):
         return None

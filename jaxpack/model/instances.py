@@ -24,11 +24,15 @@ TURNS: dict[str, tuple[tuple[int, ...], ...]] = {
 
 @dataclass(frozen=True)
 class Distribution:
-    """Items with sides uniform on low..high, both included, in every axis the bin extends in."""
+    """Items with sides uniform on low..high, both included, in every axis the bin extends in.
 
-    items: int
-    low: int
-    high: int
+    Raises:
+        UserError: where a number is out of its range, or `turns` is not known.
+    """
+
+    items: int  # N, of every instance
+    low: int  # cells, the shortest side
+    high: int  # cells, the longest side
     turns: str = "fixed"  # how items may be turned, a name in TURNS
 
     def __post_init__(self) -> None:
@@ -61,10 +65,14 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Cell:
-    """One combination of a grid: items of a distribution in a bin."""
+    """One combination of a grid: items of a distribution in a bin.
 
-    bin: tuple[int, int, int]
-    distribution: Distribution
+    Raises:
+        UserError: where the bin is not three whole sides, or has too many cells.
+    """
+
+    bin: tuple[int, int, int]  # (L, W, H) in cells
+    distribution: Distribution  # of the items
 
     def __post_init__(self) -> None:
         check_bin(self.bin)
@@ -97,7 +105,14 @@ def uniform_instance(
 
 
 def sample(problem: Problem, distribution: Distribution, key: Array, count: int) -> Instance:
-    """The first `count` instances of a distribution: leaves [count, ...]. See `sample_at`."""
+    """The first `count` instances of a distribution: leaves [count, ...].
+
+    Args:
+        problem: the rules; its bin is that of all instances.
+        distribution: how many items, and of which sizes.
+        key: typed PRNG key []. Instance i depends on the key and on i alone.
+        count: how many (static).
+    """
     return sample_at(problem, distribution, key, jnp.arange(count))
 
 

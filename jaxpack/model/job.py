@@ -14,13 +14,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from operator import mul
 from typing import Any, TypeVar
 
 import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
-from jaxpack.model.numbers import as_cost, as_size, as_weight, as_whole, fault, show
+from jaxpack.model.numbers import as_cost, as_profit, as_size, as_weight, as_whole, fault, show
 
 FINEST = 2**30
 """A side of a bin has at most so many units: far edges of items then fit int32."""
@@ -45,16 +46,17 @@ FLAT_TURNED = ("XYZ", "ZYX")  # all that 2D has: as given, and by a quarter
 
 @dataclass(frozen=True)
 class ItemType:
-    """Items of one kind."""
+    """Items that are the same in every respect. `Job` checks them."""
 
-    size: Sides
-    copies: int = 1
-    weight: float = 0.0  # of one of them
+    size: Sides  # along x, y and z as it is given, in the unit of all lengths of the job
+    copies: int = 1  # how many there are; 0 for none
+    weight: float = 0.0  # of one of them, in the unit of all weights of the job
     orientations: tuple[str, ...] = ("XYZ",)  # those that are allowed, keys of ORIENTATIONS
-    name: str = ""
+    name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
     tags: tuple[Any, ...] = field(default=(), compare=False)
     """What a file says of each copy beside all this, for files that are written."""
+    profit: float | None = None  # what one is worth; its volume (2D: area) if not given
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""
@@ -64,14 +66,19 @@ class ItemType:
 
 @dataclass(frozen=True)
 class BinType:
-    """Bins of one kind."""
+    """Bins that are the same in every respect. `Job` checks them."""
 
-    size: Sides
+    size: Sides  # inside, along x, y and z, in the job's unit of length; open: infinitely high
     cost: float | None = None  # of one that is used; see `Job.priced`
     copies: int | None = None  # how many there are; any number if not given
-    max_weight: float = math.inf
-    name: str = ""
+    max_weight: float = math.inf  # of all that is in one of them
+    name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
+
+    @property
+    def open(self) -> bool:
+        """Whether nothing says how high it is."""
+        return self.size[2] == math.inf
 
     @property
     def price(self) -> float:
@@ -92,10 +99,12 @@ class Job:
             into, there are too many items, or in 2D a width is not 1.
     """
 
-    items: tuple[ItemType, ...]
-    bins: tuple[BinType, ...]
+    items: tuple[ItemType, ...]  # with their copies
+    bins: tuple[BinType, ...]  # with their copies
     dimension: int = 3  # 2 or 3
-    name: str = ""
+    name: str = ""  # of the order
+    objective: str = ""
+    """A key of `OBJECTIVES`; not given, it is price if one of the bins has a cost, else bins."""
     rounded: float | None = field(default=None, init=False, compare=False)
     """The length that finer sizes were cut off to, None if all are exact."""
 
@@ -126,7 +135,10 @@ class Job:
         Any that make no more units of a side of a bin than `FINEST`, and no position of more than
         the digits that are read.
         """
-        longest = exact(max(max(kind.size) for kind in self.bins))
+        longest = exact(max(self.pile if kind.open else max(kind.size) for kind in self.bins))
+        if longest > FINEST:
+            what = f"its items on top of each other are {self.pile:,.0f} high, more than 2^30"
+            raise UserError(f"{self.name or 'the job'}: {what}: choose a larger unit")
         unit, places = _common_unit(self.lengths())
         if longest / unit <= FINEST and longest * 10**places < 10**DIGITS:
             return None
@@ -138,9 +150,29 @@ class Job:
         return (0, 2) if self.dimension == 2 else (0, 1, 2)
 
     def lengths(self) -> Iterator[float]:
-        """The sides of all items and bins."""
+        """The sides of all items and bins, but heights that are open."""
         for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
-            yield from (size[axis] for axis in self.axes)
+            yield from (size[axis] for axis in self.axes if size[axis] < math.inf)
+
+    @property
+    def pile(self) -> float:
+        """How high the items are on top of each other, each turned as it is highest."""
+        highest = (max(item.turned(o)[2] for o in item.orientations) for item in self.items)
+        copies = (item.copies for item in self.items)
+        return float(sum(map(mul, map(exact, highest), copies)))
+
+    def room(self, packed: "PackedBin") -> Sides:
+        """The sides of a bin of a plan: up to the plan's height of it, or to the highest top if it
+        has none and is open.
+        """
+        x, y, z = self.bins[packed.bin].size
+        if packed.height is not None:
+            return x, y, packed.height
+        if z < math.inf:
+            return x, y, z
+        puts = packed.placements
+        tops = (put.corner[2] + self.items[put.item].turned(put.orientation)[2] for put in puts)
+        return x, y, clean(max(tops, default=0.0))
 
     @cached_property
     def unit(self) -> Fraction:
@@ -154,10 +186,7 @@ class Job:
 
     @property
     def priced(self) -> bool:
-        """Whether the least cost is wanted; otherwise it is the fewest bins.
-
-        It is as soon as one of the bins has a cost: those without cost their volume.
-        """
+        """Whether one of the bins has a cost: those without cost their volume."""
         return any(kind.cost is not None for kind in self.bins)
 
 
@@ -189,6 +218,7 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
         size=_checked_sides(where, item.size, dimension),
         copies=as_whole(item.copies, f"{where}, copies", low=0),
         weight=_checked_weight(where, item.weight),
+        profit=None if item.profit is None else clean(as_profit(item.profit, f"{where}, profit")),
         orientations=tuple(dict.fromkeys(ways)),
     )
 
@@ -201,7 +231,7 @@ def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
     cost, most = kind.cost, kind.max_weight
     return replace(
         kind,
-        size=_checked_sides(where, kind.size, dimension),
+        size=_checked_sides(where, kind.size, dimension, may_be_open=True),
         cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
         max_weight=math.inf if _unlimited(most) else _checked_weight(where, most),
@@ -212,10 +242,14 @@ def _unlimited(most: object) -> bool:
     return isinstance(most, float) and most == math.inf
 
 
-def _checked_sides(where: str, sides: Sides, dimension: int) -> Sides:
+def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool = False) -> Sides:
     if not isinstance(sides, tuple | list) or len(sides) != 3:
         raise fault(where, f"size {show(sides)}", "give three sides, along x, y and z")
-    x, y, z = (clean(as_size(side, f"{where}, size")) for side in sides)
+    ends = [may_be_open and n == 2 and _unlimited(side) for n, side in enumerate(sides)]
+    x, y, z = (
+        math.inf if end else clean(as_size(side, f"{where}, size"))
+        for side, end in zip(sides, ends, strict=True)
+    )
     if dimension == 2 and y != 1:
         raise fault(where, f"size {(x, y, z)} in 2D", "give width (the second) as 1")
     return x, y, z
@@ -228,7 +262,7 @@ def _checked_weight(where: str, weight: float) -> float:
 
 
 def _cut_sides(entry: Entry, places: int) -> Entry:
-    x, y, z = (cut(side, places) for side in entry.size)
+    x, y, z = (cut(side, places) if side < math.inf else side for side in entry.size)
     return replace(entry, size=(x, y, z))
 
 
@@ -236,22 +270,23 @@ def _cut_sides(entry: Entry, places: int) -> Entry:
 class Placement:
     """One item in its bin."""
 
-    item: int  # index in Job.items
+    item: int  # index in Job.items, from 0
     orientation: str  # key of ORIENTATIONS
-    corner: Sides  # x, y, z of the front-bottom-left corner
+    corner: Sides  # x, y, z of the corner that is nearest to the origin, in the job's unit
 
 
 @dataclass(frozen=True)
 class PackedBin:
     """One bin that is used."""
 
-    bin: int  # index in Job.bins
+    bin: int  # index in Job.bins, from 0
     placements: tuple[Placement, ...]  # in loading order: each rests on earlier ones or the floor
+    height: float | None = None  # below which they lie; that of the bin type if not given
 
 
 @dataclass(frozen=True)
 class Plan:
     """A packing of a job."""
 
-    bins: tuple[PackedBin, ...]
+    bins: tuple[PackedBin, ...]  # in the order in which they were opened
     left_out: tuple[int, ...] = ()  # index in Job.items of every copy that was not packed

@@ -85,6 +85,14 @@ def as_cost(value: object, where: str) -> float:
     return number
 
 
+def as_profit(value: object, where: str) -> float:
+    """What an item is worth: 0 to 1e27, which is the largest volume; UserError if not."""
+    number = as_number(value, where)
+    if not 0 <= number <= LARGEST**3:
+        raise fault(where, f"{plain(number)} is not a profit: give 0 to 1e27")
+    return number
+
+
 def as_whole(value: object, where: str, low: int, high: int | None = None) -> int:
     """A whole number, at least `low` and at most `high`; UserError if not."""
     number = as_number(value, where)

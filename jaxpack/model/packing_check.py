@@ -23,7 +23,16 @@ def check_packings(
 ) -> None:
     """Raises InvalidPackingError naming the first violations, if there are any.
 
-    For the arguments see `violations`; `label` says whose packings they are.
+    Args:
+        problem: the rules; of it only `support` and `inclusive` are read.
+        instances: leaves [B, ...], or of one instance without B.
+        orders: int [B, N], the order in which the items were packed.
+        packings: leaves [B, ...]; only `bin` and `position` are read.
+        label: whose packings they are, the first word of the message.
+
+    Raises:
+        InvalidPackingError: an item is not packed, out of its bin, in another one, not supported
+            or not reachable from above; or an order is no permutation.
     """
     found = list(islice(violations(problem, instances, orders, packings), SHOWN))
     if found:
@@ -33,14 +42,7 @@ def check_packings(
 def violations(
     problem: Problem, instances: Instance, orders: ArrayLike, packings: Packing
 ) -> Iterator[str]:
-    """Every broken rule of a batch of packings, one line each; nothing if all are valid.
-
-    Args:
-        problem: the rules; of it only `support` and `inclusive` are read.
-        instances: leaves [B, ...], or of one instance without B.
-        orders: int [B, N], the order in which the items were packed.
-        packings: leaves [B, ...]; only `bin` and `position` are read.
-    """
+    """Every broken rule, one line each; nothing if all are valid. Arguments: `check_packings`."""
     single = np.ndim(orders) == 1
     arrays = [instances.size, instances.mask, instances.bin, orders, packings.bin]
     size, mask, room, order, bins, corner = (

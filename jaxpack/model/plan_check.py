@@ -212,8 +212,7 @@ def _boxes(
     job: Job, plan: Plan, puts: list[Placement], number: np.ndarray
 ) -> tuple[Boxes, list[Fraction]]:
     """The items as they lie, and the length of their whole numbers' unit along every axis."""
-    sizes = np.array([kind.size for kind in job.bins])
-    room = sizes[[packed.bin for packed in plan.bins]][number]
+    room = np.array([job.room(packed) for packed in plan.bins])[number]
     corner = np.array([put.corner for put in puts], float)
     extent = np.array([job.items[put.item].turned(put.orientation) for put in puts])
     longest, unit = room[:, list(job.axes)].max(axis=1), job.unit

@@ -44,6 +44,9 @@ class Problem:
         support: share of an item's footprint that must rest at the item's own height, 0 to 1.
         inclusive: whether exactly that share is enough ("at least") or not ("more than").
         rule: which of the allowed positions an item takes, a name in `jaxpack.packing.rules`.
+
+    Raises:
+        UserError: where a side is not whole, there are too many cells, or the share is none.
     """
 
     bin: tuple[int, int, int]

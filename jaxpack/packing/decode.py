@@ -18,13 +18,11 @@ from jax import Array
 
 from jaxpack.packing.rules import Rule
 from jaxpack.packing.surface import Surface, Triple
-from jaxpack.xla.programs import least, loops_are_whole
+from jaxpack.xla.programs import least
+from jaxpack.xla.target import target
 
 MANY_ITEMS = 128
 """From so many on, a turn less for what would be refused is worth looking for it."""
-
-TURNS = 4
-"""On a GPU, between two looks whether an item is left: the host has to wait for what it sees."""
 
 ROUNDING = 2.0**-22  # of one sum of volumes in float32, which are rounded
 
@@ -56,7 +54,7 @@ class _Turn(NamedTuple):
     """Between two turns. Ranks are places in the packing order, from 0; N is none."""
 
     state: Any  # of the surface: the bin that is filled
-    room: Triple  # [B], its sides
+    room: Triple | None  # [B], its sides; of bins that are all alike None
     slot: Array  # integer [B], which bin that is
     began: Array  # bool [B], whether something lies in it
     rank: Array  # integer [B], of the item that is offered next
@@ -116,14 +114,14 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
 
     def turn(now: _Turn) -> _Turn:
         size, needed, weight = now.item
-        found = now.rank < N
-        candidates, state = surface.candidates(now.state, size, needed, now.room, found)
+        found, room = now.rank < N, now.room or bins.size
+        candidates, state = surface.candidates(now.state, size, needed, room, found)
         corner, fits = candidates.first(rule)
         fits &= found
         here = (rank_of == now.rank) & fits
         bin = jnp.where(here, now.slot, now.bin)
         kept = corner[::2] if surface.flat else corner
-        left, room, shut = now.left, now.room, now.shut
+        left, shut = now.left, now.shut
         if many:
             # What is like a refused item, or higher, is refused too until something comes in.
             shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
@@ -146,7 +144,7 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         rank = jnp.where(opens, following - N, jnp.minimum(following, N)).astype(ranks)
         return _Turn(
             state=surface.place(state, size, corner, fits, room, opens),
-            room=room,
+            room=now.room and room,
             slot=jnp.where(opens, slot, now.slot).astype(slots),
             began=began & ~opens,
             rank=rank,
@@ -161,7 +159,7 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         )
 
     def turns(now: _Turn) -> _Turn:
-        for _ in range(1 if jax.default_backend() == "cpu" else TURNS):
+        for _ in range(target().turns):
             now = turn(now)  # of no effect once nothing is left
         return now
 
@@ -179,10 +177,11 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
         left, room = stock.opened(slot, items.waiting.sum(0, dtype=jnp.int32))
         rank = stock.following(bin, jnp.zeros_like(items.waiting), left, left) - N
     nothing = jnp.zeros((N, batch), dtype)
+    rank = rank.astype(ranks)
     start = _Turn(
-        surface.empty(room), room, slot, jnp.zeros(batch, bool), rank.astype(ranks),
-        fetched(rank.astype(ranks)), left,
-        jnp.zeros((N if many else 1, batch), bool), bin, (nothing,) * (2 if surface.flat else 3),
+        surface.empty(room), None if stock is None else room, slot, jnp.zeros(batch, bool), rank,
+        fetched(rank), left, jnp.zeros((N if many else 1, batch), bool), bin,
+        (nothing,) * (2 if surface.flat else 3),
     )  # fmt: skip
     done = jax.lax.while_loop(more, turns, start)
     x, *y, z = done.corner
@@ -293,7 +292,7 @@ def _sorted(tables: list[Array], order: Array, dtype: np.dtype) -> tuple[list[Ar
     N, batch = order.shape
     lane = jnp.arange(batch, dtype=jnp.int32)
     number = jax.lax.broadcasted_iota(dtype, (N, batch), 0)
-    if not loops_are_whole():
+    if not target().whole_loops:
         rank_of = jnp.zeros_like(number).at[order, lane].set(number, unique_indices=True)
         return [table.at[order, lane].get(mode="promise_in_bounds") for table in tables], rank_of
 

@@ -81,6 +81,7 @@ def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
     """The state before the first choice.
 
     Args:
+        problem: the rules, static.
         instance: leaves with a trailing batch: size [N, 3, B], mask [N, B], bin [3, B],
             turned [N, O, 3, B] or None.
         kinds: at least the number of distinct sizes in an instance (with their orientations);

@@ -20,10 +20,11 @@ from jax.custom_batching import custom_vmap
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.height_map import LARGE_WINDOW, HeightMap, cell_dtype
-from jaxpack.packing.rules import RULES
+from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
 from jaxpack.xla.pieces import in_pieces
 from jaxpack.xla.programs import least, total, whole
+from jaxpack.xla.target import Target, target, traced_for
 
 LANES, FEW_LANES = 128, 4
 """Instances that a CPU packs at once: more, and what they hold leaves the cache. Few with a
@@ -36,6 +37,9 @@ takes longer than a vector more, from several instances on."""
 def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     """Packs the items in the given order, first fit, over as many bins as it takes.
 
+    An item stands at the lowest of its allowed positions, of several at the least y, then x (Wang
+    and Dong, section II.C).
+
     Composes with jit and with vmap over `instance`, `order` or both; vmap costs nothing, the
     kernel underneath is batched. Items that fit no empty bin get bin -1 (`make_instance` refuses
     them, inside jit nothing can).
@@ -45,6 +49,9 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         instance: one instance of N items.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
 
+    Returns:
+        Bins, positions and sums over every bin, int32 [N, ...] in cells.
+
     Raises:
         AssertionError: where ranks, shapes or dtypes are others; a batch takes `vmap`.
     """
@@ -53,17 +60,18 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     chex.assert_shape([instance.mask, order], (len(instance.size),))
     chex.assert_shape(instance.size, (None, 3))
     one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
-    packing = _batched(problem)(*one)
+    packing = _batched(problem, target())(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)
 
 
 @cache
-def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
+def _batched(problem: Problem, made_for: Target) -> Callable[[Instance, Array], Packing]:
     """A packer of batches (leaves [B, ...]) in which a vmap becomes a larger B, not a new axis."""
 
     @custom_vmap
     def packer(instance: Instance, order: Array) -> Packing:
-        return _in_pieces(problem, instance, order)
+        with traced_for(made_for):
+            return _in_pieces(problem, instance, order)
 
     @packer.def_vmap
     def _(size: int, batched: tuple, instance: Instance, order: Array):  # type: ignore[no-untyped-def]
@@ -75,14 +83,14 @@ def _batched(problem: Problem) -> Callable[[Instance, Array], Packing]:
         split = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), packing)
         return split, jax.tree.map(lambda _: True, packing)
 
-    # Compiled once per problem and shape, also where the caller does not jit.
+    # Compiled once per problem, target and shape, also where the caller does not jit.
     return jax.jit(packer)
 
 
 def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
     batch = order.shape[0]
-    if jax.default_backend() != "cpu" or batch < SEVERAL:
+    if not target().cpu or batch < SEVERAL:
         return _first_fit(problem, instance, order)
     most, vector = LANES, VECTOR // cell_dtype(problem).itemsize
     if max(problem.window) >= LARGE_WINDOW:
@@ -107,7 +115,7 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     room = instance.bin.T.astype(dtype)
     bins = Bins((room[0], room[1], room[2]))
     items = Items(sides, needed, able)
-    packer = partial(decode, HeightMap(problem), RULES[problem.rule])
+    packer = partial(decode, HeightMap(problem), rule_named(problem.rule))
     placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
     stats = _stats_by_bin(problem, placed.bin, placed.corner, sides)
     position = jnp.stack([place.T.astype(jnp.int32) for place in placed.corner], -1)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxpack.errors import UserError
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.first_fit import pack
+from jaxpack.xla.target import device_name, target
 
 Packer = Callable[[Problem, Instance, np.ndarray], Packing]
 """`pack` over a batch."""
@@ -35,7 +36,7 @@ def check_device(packer: Packer | None = None) -> None:
         UserError: naming the device where a placement or a figure is not that of NumPy.
     """
     if packer is None:
-        if jax.default_backend() == "cpu":
+        if target().cpu:
             return
         packer = _pack
     for number, problem in enumerate(PROBLEMS):
@@ -45,9 +46,8 @@ def check_device(packer: Packer | None = None) -> None:
         expected = zip(*(_by_numpy(problem, *case) for case in cases), strict=True)
         for name, ours, theirs in zip(Packing._fields, found, expected, strict=True):
             if not np.array_equal(ours, np.stack(theirs)):
-                device = jax.local_devices()[0]
                 raise UserError(
-                    f"{device.device_kind} ({device.platform}): packs wrong, '{name}' of a bin "
+                    f"{device_name()}: packs wrong, '{name}' of a bin "
                     f"{problem.bin} is not what NumPy gives; use another version of jax or of the "
                     "driver, or a CPU: JAX_PLATFORMS=cpu"
                 )

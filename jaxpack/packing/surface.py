@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array
 
 from jaxpack.packing.rules import Rule
+from jaxpack.xla.programs import largest_of
 
 Triple = tuple[Array, Array, Array]
 """Along x, y and z. Three arrays and not one of [3, *batch]: where a loop slices them from a
@@ -78,7 +79,7 @@ def least_first(
     """
     found: list[Array] = []
     for key in keys:
-        none = jnp.inf if jnp.issubdtype(key.dtype, jnp.floating) else np.iinfo(key.dtype).max
+        none = np.array(largest_of(key.dtype), key.dtype)
         found.append(least(key if allowed is None else jnp.where(allowed, key, none)))
         here = key == found[-1]
         allowed = here if allowed is None else allowed & here

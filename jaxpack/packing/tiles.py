@@ -28,24 +28,30 @@ class Tiles(NamedTuple):
 
     @property
     def number(self) -> Array:
+        """How many tiles there are: int32[]."""
         return (self.lines_x + (TILE - 1)) // TILE * self._along_y
 
     def start(self, n: Array) -> tuple[Array, Array]:
+        """First lines of tile n along x and y: int32[] each."""
         return n // self._along_y * TILE, n % self._along_y * self.wide
 
     def x(self, column: Array, n: Array) -> Array:
+        """Of [X, B] its lines along x: [TILE, B]."""
         return jax.lax.dynamic_slice(column, (self.start(n)[0], jnp.int32(0)), (TILE, self.batch))
 
     def y(self, column: Array, n: Array) -> Array:
+        """Of [Y, B] its lines along y: [wide, B]."""
         return jax.lax.dynamic_slice(
             column, (self.start(n)[1], jnp.int32(0)), (self.wide, self.batch)
         )
 
     def cells(self, values: Array, n: Array) -> Array:
+        """Of [X, Y, B] its part: [TILE, wide, B]."""
         where = (*self.start(n), jnp.int32(0))
         return jax.lax.dynamic_slice(values, where, (TILE, self.wide, self.batch))
 
     def write(self, values: Array, cells: Array, n: Array) -> Array:
+        """The values [X, Y, B] with that part replaced."""
         return jax.lax.dynamic_update_slice(values, cells, (*self.start(n), jnp.int32(0)))
 
 

@@ -23,7 +23,7 @@ from jax import Array
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
 from jaxpack.packing.tiles import AT_ONCE, TILE, Tiles, highest, indices, row_at
-from jaxpack.xla.programs import least
+from jaxpack.xla.programs import largest_of, least
 
 SHORT = 2**14 - 2
 """Units a side, of which sums fit int16."""
@@ -103,7 +103,7 @@ class TopFaces:
         # A new line's ground is that of the line before it, as far as it reached.
         row = row_at(tiles.lines_x, state.x, pred_x, state.heights, axis=0)
         column = row_at(tiles.lines_y, state.y, pred_y, state.heights, axis=1)
-        both = row_at(tiles.lines_y, state.y, pred_y, row[None], axis=1)
+        both = jnp.where(state.y == pred_y, row, self.dtype.type(0)).max(0)
         column = jnp.where(indices(x) == new_x, both, column)
 
         def tile(n: Array, heights: Array) -> Array:
@@ -164,7 +164,7 @@ class Corners(NamedTuple):
     def first(self, rule: Rule) -> tuple[Triple, Array]:
         """The position that the rule prefers; the corner means nothing where there is none."""
         kinds = jax.eval_shape(lambda: self._keys(rule, jnp.int32(0))[0])
-        nothing = [jnp.full(key.shape[-1:], _largest(key.dtype), key.dtype) for key in kinds]
+        nothing = [jnp.full(key.shape[-1:], largest_of(key.dtype), key.dtype) for key in kinds]
 
         def look(n: Array, best: list[Array]) -> list[Array]:
             keys, inside = self._keys(rule, n)
@@ -180,11 +180,13 @@ class Corners(NamedTuple):
 
             return jax.lax.cond(hopeful.any(), first_of_tile, lambda: best)
 
-        y, x, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)[-3:]
+        *_, place, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)
+        bits = _bits(self.z.dtype)
+        x, y = (part.astype(z.dtype) for part in (place & ((1 << bits) - 1), place >> bits))
         return (x, y, z), z < np.iinfo(z.dtype).max
 
     def _keys(self, rule: Rule, n: Array) -> tuple[list[Array], Array]:
-        """(the rule's keys, then y, x and z; whether that is inside the bin) of a tile."""
+        """(the rule's keys, then y and x as one, and z; whether it is inside the bin) of a tile."""
         x, y = self.tiles.x(self.state.x, n)[:, None], self.tiles.y(self.state.y, n)[None]
         z = self.tiles.cells(self.z, n)
         at_x, at_y = self.tiles.start(n)
@@ -195,7 +197,9 @@ class Corners(NamedTuple):
             x, y, z, self.size, self.room,
             lambda: self._contact(x, y, z), lambda: self._waste(x, y, z),
         )  # fmt: skip
-        keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), y, x, z)]
+        wide = np.dtype("int32" if z.dtype == np.int16 else "int64")
+        place = (y.astype(wide) << _bits(z.dtype)) + x.astype(wide)
+        keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), place, z)]
         return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
 
     def _carried(self, n: Array) -> Array:
@@ -255,13 +259,14 @@ class Corners(NamedTuple):
         return jax.lax.fori_loop(0, self.state.used.max(), without, z.astype(jnp.float32) * base)
 
 
+def _bits(dtype: np.dtype) -> int:
+    """Of a coordinate in the bin."""
+    return 14 if dtype == np.int16 else 30
+
+
 def _overlap(start: Array, end: Array, near: Array, far: Array) -> Array:
     """How long two stretches run side by side: float32."""
     return jnp.maximum(jnp.minimum(end, far) - jnp.maximum(start, near), 0).astype(jnp.float32)
-
-
-def _largest(dtype: np.dtype) -> float | int:
-    return float("inf") if jnp.issubdtype(dtype, jnp.floating) else int(np.iinfo(dtype).max)
 
 
 def _rounded(count: int, step: int) -> int:

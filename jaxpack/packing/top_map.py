@@ -1,4 +1,4 @@
-"""A bin without a grid in NumPy, for what cannot wait for a compiler: one item a call.
+"""The third surface: a bin without a grid in NumPy, for what cannot wait for a compiler.
 
 A bin is a map of heights between lines: those along which items end, across the bin from wall to
 wall. The placements are those of `top_faces`, to the unit; the time of one grows with the number
@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from jaxpack.packing.rules import RULES, Positions, Rule
 
 Place = tuple[int, int, int]
 Sides = tuple[int, int, int]
@@ -52,6 +54,7 @@ class TopMap:
         corner = np.array([True, False])
         self.x, self.y = (Lines(np.array([0, side]), corner, step) for side in room[:2])
         self.top = np.zeros((1, 1), np.int64)  # of every cell
+        self.boxes = list[tuple[Place, Sides]]()  # corner and sides of what lies in it
 
     def lowest(self, size: Sides, needed: int, stop: Callable[[], bool]) -> Place | None:
         """Minimum z, then y, then x, of the places where an item may stand; None if there is none.
@@ -82,6 +85,58 @@ class TopMap:
                 return None
             z[z == least] = NOWHERE
         return None
+
+    def first(self, rule: Rule, size: Sides, needed: int, stop: Callable[[], bool]) -> Place | None:
+        """The position that a rule prefers of those where an item may stand; see `lowest`."""
+        if rule is RULES["lowest"]:
+            return self.lowest(size, needed, stop)
+        near_x, far_x = _windows(self.x, size[0])
+        near_y, far_y = _windows(self.y, size[1])
+        if not len(near_x) or not len(near_y) or size[2] > self.room[2]:
+            return None
+        z = _window_maxima(_window_maxima(self.top, near_x, far_x).T, near_y, far_y)  # [Y, X]
+        x, y = self.x.at[near_x][None], self.y.at[near_y][:, None]
+        at = Positions(
+            x, y, z, size, self.room,
+            lambda: self._contact(x, y, z, size), lambda: self._waste(x, y, z, size),
+        )  # fmt: skip
+        inside = z <= self.room[2] - size[2]
+        keys = [np.broadcast_to(key, z.shape)[inside] for key in (x, y, *reversed(rule(at)))]
+        for place in np.flatnonzero(inside)[np.lexsort(keys)].tolist():
+            row, column = divmod(place, len(near_x))
+            if stop():
+                return None
+            level = self.top == z[row, column]
+            some = slice(column, column + 1)
+            carried = _carried(level, self.x, near_x[some], far_x[some], size[0])
+            some = slice(row, row + 1)
+            carried = _carried(carried.T, self.y, near_y[some], far_y[some], size[1])
+            if not z[row, column] or carried[0, 0] >= needed:
+                return int(x[0, column]), int(y[row, 0]), int(z[row, column])
+        return None
+
+    def _contact(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, size: Sides) -> np.ndarray:
+        """Area of an item's sides at walls and at other items, as in `top_faces`."""
+        (length, width, height), (room_x, room_y, _) = size, self.room
+        walls_x = 1.0 * (x == 0) + (x + length == room_x)
+        walls_y = 1.0 * (y == 0) + (y + width == room_y)
+        sums = walls_x * width * height + walls_y * length * height + 0.0 * z
+        for low, sides in self.boxes:
+            near, far = np.array(low), np.array(low) + sides
+            touch_x = (far[0] == x) * 1.0 + (near[0] == x + length)
+            touch_y = (far[1] == y) * 1.0 + (near[1] == y + width)
+            along = _overlap(z, z + height, near[2], far[2])
+            sums += along * touch_x * _overlap(y, y + width, near[1], far[1])
+            sums += along * touch_y * _overlap(x, x + length, near[0], far[0])
+        return sums
+
+    def _waste(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, size: Sides) -> np.ndarray:
+        """Volume below an item that no item fills, as in `top_faces`."""
+        empty = 1.0 * z * size[0] * size[1]
+        for low, sides in self.boxes:
+            area = _overlap(x, x + size[0], low[0], low[0] + sides[0])
+            empty -= sides[2] * area * _overlap(y, y + size[1], low[1], low[1] + sides[1])
+        return empty
 
     def have_room(self, sizes: np.ndarray) -> np.ndarray:
         """Which of many items come to rest below the ceiling anywhere, carried or not.
@@ -158,7 +213,14 @@ class TopMap:
         self.top[inside_x[:, None] & inside_y] = corner[2] + size[2]
         places = np.empty((rows, along, 3), np.int64)
         places[..., 0], places[..., 1], places[..., 2] = x, y[:, None], corner[2]
-        return places.reshape(-1, 3)
+        flat = places.reshape(-1, 3)
+        self.boxes += [((a, b, c), size) for a, b, c in flat.tolist()]
+        return flat
+
+
+def _overlap(start: np.ndarray, end: np.ndarray, near: int, far: int) -> np.ndarray:
+    """How long two stretches run side by side."""
+    return np.maximum(np.minimum(end, far) - np.maximum(start, near), 0).astype(np.float64)
 
 
 def _pitch(lines: Lines, length: int) -> int:

@@ -20,7 +20,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from jaxpack.model.encoding import Genes, Loading
 from jaxpack.search.requests import DONE, STOP, Found, Request
 
 PATIENCE = 0.1  # seconds that a search has to end by itself
@@ -72,13 +71,11 @@ class SearchProcess:
         """Whether `next` need not wait."""
         return not self.replies.empty()
 
-    def ask(self, loading: Loading, seed: int, seconds: float, first: Genes, policy: str) -> None:
-        """Begins a search; see `Request`. What it finds comes from `next`, of earlier ones nothing
-        any more.
-        """
+    def ask(self, request: Request) -> None:
+        """Begins a search. What it finds comes from `next`, of earlier ones nothing any more."""
         self._go_on()
         self.running += 1
-        self._send(Request(loading, seed, seconds, first, policy))
+        self._send(request)
 
     def next(self, seconds: float) -> Found | int | None:
         """What the search that was asked for last has found, or packings tried; None if nothing."""

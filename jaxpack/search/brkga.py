@@ -8,7 +8,7 @@ each key from an elite parent with probability `bias`, from a non-elite one othe
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ from jax import Array
 from jax.sharding import Mesh
 
 from jaxpack.errors import UserError
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.first_fit import pack
 from jaxpack.search.heuristics import decode_keys
@@ -48,11 +48,15 @@ class BrkgaConfig:
     @property
     def shares(self) -> tuple[int, int, int]:
         """Individuals per generation: (elite, mutants, children)."""
-        elite = round(self.elite * self.population)
-        mutants = round(self.mutants * self.population)
-        return elite, mutants, self.population - elite - mutants
+        return self.shares_of(self.population)
+
+    def shares_of(self, population: int) -> tuple[int, int, int]:
+        """The same of a population of another size."""
+        elite, mutants = round(self.elite * population), round(self.mutants * population)
+        return elite, mutants, population - elite - mutants
 
 
+T = TypeVar("T")
 Costs = Callable[[Instance, Array], Array]  # (instance, genes [P, N]) -> [P]
 
 
@@ -150,16 +154,27 @@ def _next_generation(
     def child(key: Array) -> Array:
         """Parameterised uniform crossover of one elite and one other parent."""
         elite_key, other_key, coin_key = jax.random.split(key, 3)
-        mother = population.genes[jax.random.randint(elite_key, (), 0, elite)]
-        father = population.genes[jax.random.randint(other_key, (), elite, config.population)]
-        inherits = jax.random.bernoulli(coin_key, config.bias, mother.shape)
-        return jnp.where(inherits, mother, father)
+        mother = jax.random.randint(elite_key, (), 0, elite)
+        father = jax.random.randint(other_key, (), elite, config.population)
+        inherits = jax.random.bernoulli(coin_key, config.bias, population.genes.shape[1:])
+        return crossed(inherits, population.genes, mother, father)
 
     born = jax.vmap(child)(jax.random.split(child_key, children))
     new = jnp.concatenate([born, _fresh(mutant_key, mutants, instance)])
     genes = jnp.concatenate([population.genes[:elite], new])
     cost = jnp.concatenate([population.cost[:elite], costs(instance, new)])
     return _best_first(key, genes, cost)
+
+
+def crossed(inherits: Array, genes: T, mother: Array, father: Array) -> T:
+    """Parameterised uniform crossover: from the mother where it says so, else from the father.
+
+    Args:
+        inherits: bool [..., N].
+        genes: leaves [P, N].
+        mother, father: int [...], individuals.
+    """
+    return jax.tree.map(lambda leaf: jnp.where(inherits, leaf[mother], leaf[father]), genes)
 
 
 def _fresh(key: Array, count: int, instance: Instance) -> Array:

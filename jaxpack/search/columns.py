@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading
 
+FAR = 2**31  # above every bin
 LOOKED_AT = 48  # columns, the last ones, that an item may stand on
 
 
@@ -32,13 +33,20 @@ class _Columns(NamedTuple):
     z: np.ndarray  # int64 [n]
 
 
-def stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Genes:
+def stand_in_columns(
+    loading: Loading,
+    genes: Genes,
+    bin: np.ndarray,
+    corner: np.ndarray,
+    height: int = FAR,
+) -> Genes:
     """Packs what is not packed yet into bins of its own.
 
     Args:
         loading: what is packed.
         genes: of one lane; the bins are taken in the sequence of its pool.
         bin, corner: by row of the stock; both are filled in.
+        height: up to which columns reach at most, units.
 
     Returns:
         The genes with these items last, from below.
@@ -53,6 +61,7 @@ def stand_in_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np
         slots = free[loading.bins[free] == type_of_bin]
         limit = int(stock.limit[slots[0]])
         x, y, z = stock.bins[slots[0]].tolist()
+        z = min(z, height)
         kind = _Kind(x, y, z, 2**62 if limit == no_limit else limit)
         size = stock.sizes[waiting, genes.turn[waiting]]
         fits = (size <= kind[:3]).all(1) & (stock.weight[waiting] <= kind.limit)

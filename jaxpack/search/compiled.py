@@ -25,12 +25,14 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
+from jaxpack.model.objectives import objective_of
 from jaxpack.packing.top_faces import SHORT, TopFaces
 from jaxpack.search.local_search import (
     ANNEAL,
     AS_GIVEN,
     BREED,
     Best,
+    Decoding,
     Lanes,
     advance,
     exchange,
@@ -43,11 +45,12 @@ from jaxpack.xla.devices import usable_cores
 LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
 ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH
 BREATH = 0.25  # seconds
+PAIRS = 2  # of islands, where a number of packings is given
 EXCHANGE = 4  # dispatches after which those that breed and those that anneal share their best
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
-def encode(loading: Loading) -> tuple[TopFaces, Stock]:
+def encode(loading: Loading) -> tuple[Decoding, Stock]:
     """What is static of the program, and the stock padded to the next size that has one."""
     items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
     most = _power_of_two(most_together(loading.stock))
@@ -55,7 +58,8 @@ def encode(loading: Loading) -> tuple[TopFaces, Stock]:
     surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
     stock = padded(loading.stock, items, bins)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
-        return surface, jax.tree.map(jnp.asarray, stock)
+        on_device: Stock = jax.tree.map(jnp.asarray, stock)
+    return Decoding(surface, loading.rules.position, objective_of(loading.job).cost), on_device
 
 
 def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:
@@ -72,8 +76,12 @@ def search(
     first: Genes | None = None,
     policy: Policy | None = None,
     wanted: Callable[[], bool] = lambda: True,
+    packings: int | None = None,
 ) -> Iterator[tuple[Best, int]]:
     """(the best packing so far, packings tried since), until the time is up or it is not wanted.
+
+    Within a number of packings the same ones come on every run: then neither the clock nor the
+    number of cores has a say in what is tried.
 
     Args:
         loading: the job, one that `compiles`.
@@ -82,9 +90,10 @@ def search(
         first: of one lane, to begin with besides the sorts.
         policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
         wanted: asked between dispatches.
+        packings: that are tried at most.
     """
-    end = perf_counter() + seconds
-    surface, stock = encode(loading)
+    limit = _Limit(seconds, packings)
+    decoding, stock = encode(loading)
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many)
     if first:
@@ -92,7 +101,10 @@ def search(
         genes = jax.tree.map(
             lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
         )
-    lanes = dispatch(surface, stock, fresh_lanes(jax.random.key(seed), to_device(genes)))
+    if packings is not None and packings < many:
+        return
+    lanes = dispatch(decoding, stock, fresh_lanes(seed_of(seed), to_device(genes)))
+    limit.tried = many
     yield lanes.best, many
     drawn, guests = None, list[Genes]()
     with ThreadPoolExecutor() as threads:
@@ -102,28 +114,59 @@ def search(
             )
             sorts = to_device(first_genes(loading, stock, seed, DRAWN))
             drawn = threads.submit(policy_genes, loading, own, sorts, policy, seed)
+            if packings is not None:
+                guests, drawn = _parts(drawn, many), None
         # Two on every core, which take turns: the even ones breed, the odd ones anneal.
-        keys = jax.random.split(lanes.key, 2 * min(usable_cores(), 8))
-        islands = [lanes._replace(key=key) for key in keys]
-        turn, rounds, lasted = 0, 1, deque([0.0], EXCHANGE)
-        while (now := perf_counter()) + max(lasted) < end and wanted():
-            heat = HEAT * ((end - now) / seconds) ** 2
+        pairs = min(usable_cores(), 8) if packings is None else PAIRS
+        islands = [lanes._replace(seed=seed_of(seed, n)) for n in range(1, 1 + 2 * pairs)]
+        turn = 0
+        while (rounds := limit.rounds(many * pairs, many * bool(guests))) and wanted():
+            now, heat = perf_counter(), HEAT * limit.left() ** 2
             how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
             visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
-            some = partial(dispatch, surface, stock, how=how, rounds=rounds, heat=heat)
+            some = partial(dispatch, decoding, stock, how=how, rounds=rounds, heat=heat)
             done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
                                     zip(mine, visits, strict=True)))  # fmt: skip
             tried = many * (rounds * len(done) + (visits[-1] is not None))
-            if 2 * (perf_counter() - now) < BREATH:
-                rounds = min(2 * rounds, ROUNDS)
             if drawn and drawn.done():
                 guests, drawn = _parts(drawn, many), None
             islands[turn % 2 :: 2] = done
             turn += 1
             if turn % EXCHANGE == 0:
                 islands = _exchanged(islands, turn // EXCHANGE % 2)
-            lasted.append(perf_counter() - now)
+            limit.spend(tried, perf_counter() - now)
             yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+
+
+class _Limit:
+    """How far a search may go, in seconds and in packings, and in what steps."""
+
+    def __init__(self, seconds: float, packings: int | None) -> None:
+        self.seconds, self.end = seconds, perf_counter() + seconds
+        self.packings, self.tried = packings, 0
+        self.lasted = deque([0.0], EXCHANGE)
+        self.doubled = 1
+
+    def rounds(self, each: int, more: int = 0) -> int:
+        """How many rounds of so many packings may come next, with some more; 0 if none."""
+        if perf_counter() + max(self.lasted) >= self.end:
+            return 0
+        if self.packings is None:
+            return self.doubled
+        return max(0, min(ROUNDS, (self.packings - self.tried - more) // each))
+
+    def left(self) -> float:
+        """The share of it that is left."""
+        if self.packings is None:
+            return (self.end - perf_counter()) / self.seconds
+        return 1 - self.tried / self.packings
+
+    def spend(self, packings: int, seconds: float) -> None:
+        """Counts what a dispatch took."""
+        self.tried += packings
+        self.lasted.append(seconds)
+        if 2 * seconds < BREATH:
+            self.doubled = min(2 * self.doubled, ROUNDS)
 
 
 def to_device(genes: Genes) -> Genes:
@@ -132,7 +175,7 @@ def to_device(genes: Genes) -> Genes:
 
 
 def dispatch(
-    surface: TopFaces,
+    decoding: Decoding,
     stock: Stock,
     lanes: Lanes,
     how: int = AS_GIVEN,
@@ -142,9 +185,14 @@ def dispatch(
 ) -> Lanes:
     """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
     if guests:
-        lanes = join(lanes, dispatch(surface, stock, fresh_lanes(lanes.key, guests)))
-    numbers = jnp.int32(rounds), jnp.float32(heat), jnp.int32(how)
-    return jax.block_until_ready(advance(surface, stock, lanes, *numbers))
+        lanes = join(lanes, dispatch(decoding, stock, fresh_lanes(lanes.seed, guests)))
+    numbers = np.int32(rounds), np.float32(heat), np.int32(how)
+    return jax.block_until_ready(advance(decoding, stock, lanes, *numbers))
+
+
+def seed_of(seed: int, island: int = 0) -> np.ndarray:
+    """The data of a PRNG key, as NumPy's: to make a key would take a program."""
+    return np.array([island, seed], np.uint32)
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:

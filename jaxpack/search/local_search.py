@@ -3,101 +3,153 @@
 Every lane holds one order of the items, how each is turned, and in which sequence bins are
 opened; a round proposes one change per lane, packs it and keeps it if it is not worse by more
 than the temperature allows. Or the lanes are a population, and a round is a generation of the
-genetic algorithm (Goncalves and Resende, 2011). Everything a lane holds is an order, the kernel
+genetic algorithm (Goncalves and Resende, 2011). Everything a lane holds is an order, the decoder
 is the judge.
+
+It is compiled while somebody waits, so that there is one of everything: one packing, one sort, and
+one draw of all the random numbers of a round.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxpack.model.encoding import Genes, Stock
+from jaxpack.model.objectives import Cost, Placed
+from jaxpack.model.objectives.bins import bins_cost
 from jaxpack.packing.decode import Bins, Items, decode
-from jaxpack.packing.rules import RULES
+from jaxpack.packing.rules import rule_named
 from jaxpack.packing.top_faces import TopFaces
-from jaxpack.search.quick import WEIGHT_OF_FILL
+from jaxpack.search.brkga import BrkgaConfig, crossed
+from jaxpack.xla.pieces import in_pieces
+from jaxpack.xla.target import Target, target, traced_for
 
-ELITE, MUTANTS, BIAS = 0.2, 0.14, 0.7  # as in `solvers.brkga`
+QUICKLY = {"xla_backend_optimization_level": 1}
+"""What XLA is asked for: a third less to compile, and the program is no slower for it."""
+PIECE = 64  # lanes that are packed side by side
+CHANGES = 9  # random numbers of a change
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """What stays fixed while a search runs: hashable, a static argument of ``jit``."""
+
+    surface: TopFaces
+    rule: str = "lowest"  # of positions, a name in `jaxpack.packing.rules`
+    cost: Cost = bins_cost  # an objective's
+    breeding: BrkgaConfig = BrkgaConfig()  # of it the shares
+    made_for: Target = field(default_factory=target)
 
 
 class Best(NamedTuple):
     """The best packing that any lane has met."""
 
     genes: Genes  # leaves without the axis P
-    bin: Array  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
-    corner: Array  # int32 [N, 3], units
-    cost: Array  # float32[]
+    bin: Any  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
+    corner: Any  # int32 [N, 3], units
+    cost: Any  # float32[]
 
 
 class Lanes(NamedTuple):
     """The lanes, and the best that any of them has met."""
 
-    key: Array  # typed PRNG key[]
+    seed: Any  # uint32 [2], data of a PRNG key, the same for ever
+    round: Any  # int32[], folded into it
     genes: Genes
-    bin: Array  # int32 [P, N], bin of every item
-    cost: Array  # float32 [P]
+    bin: Any  # int32 [P, N], bin of every item
+    cost: Any  # float32 [P]
     best: Best
 
 
-def fresh_lanes(key: Array, genes: Genes) -> Lanes:
-    """Lanes that have not been packed yet."""
+def fresh_lanes(seed: np.ndarray, genes: Genes) -> Lanes:
+    """Lanes that have not been packed yet; of NumPy, as all that JAX does takes a program."""
     P, N = genes.order.shape
-    first = jax.tree.map(lambda leaf: leaf[0], genes)
-    nothing = jnp.full((P, N), -1, jnp.int32)
-    best = Best(first, nothing[0], jnp.zeros((N, 3), jnp.int32), jnp.float32(jnp.inf))
-    # A weak type would be another program: the search would compile twice.
-    return Lanes(key, genes, nothing, jnp.full(P, jnp.inf, jnp.float32), best)
+    first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], genes)
+    nothing = np.full((P, N), -1, np.int32)
+    best = Best(first, nothing[0], np.zeros((N, 3), np.int32), np.float32(np.inf))
+    return Lanes(seed, np.int32(0), genes, nothing, np.full(P, np.inf, np.float32), best)
 
 
-def pack_lanes(surface: TopFaces, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
+def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
     """(bin int32 [P, N], corner int32 [P, N, 3], cost float32 [P]); the rows are the stock's.
 
-    The bin is an index of `Stock.bins`.
+    The bin is an index of `Stock.bins`, the cost an objective's.
     """
-    lane, item = jnp.arange(genes.order.shape[0])[:, None], jnp.arange(genes.order.shape[1])
-    sizes = jnp.moveaxis(stock.sizes[item, genes.turn].astype(surface.dtype), -1, 0)  # [3, P, N]
-    rooms = jnp.moveaxis(stock.bins[genes.pool].astype(surface.dtype), -1, 0)
-    mask = jnp.broadcast_to(stock.mask, genes.order.shape)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
-        needed, limit = stock.needed[item, genes.turn], stock.limit[genes.pool]
-        weight = jnp.broadcast_to(stock.weight, genes.order.shape)
-        items = Items((sizes[0].T, sizes[1].T, sizes[2].T), needed.T, mask.T, weight.T)
-        bins = Bins((rooms[0].T, rooms[1].T, rooms[2].T), limit.T)
-    placed = decode(surface, RULES["lowest"], items, bins, genes.order.T)
-    slot = placed.bin.T.astype(jnp.int32)
-    bin = jnp.where(slot >= 0, genes.pool[lane, slot], -1)
-    corner = jnp.stack(placed.corner, -1).astype(jnp.int32)
-    return bin, jnp.moveaxis(corner, 1, 0), cost_of(stock, bin)
+        stocks = jax.tree.map(lambda leaf: leaf[None], stock)
+    many = jax.tree.map(lambda leaf: leaf[None], genes)
+    packed: tuple[Array, Array, Array] = jax.tree.map(
+        lambda leaf: leaf[0], pack_jobs(decoding, stocks, many)
+    )
+    return packed
 
 
-def cost_of(stock: Stock, bin: Array) -> Array:
-    """Price of the bins, then how unevenly they are filled: float32 [P] from [P, N].
+def pack_jobs(decoding: Decoding, stocks: Stock, genes: Genes) -> tuple[Array, Array, Array]:
+    """`pack_lanes` of B jobs that are padded alike: leaves [B, ...] and [B, P, ...].
 
-    To leave something out is worse than any number of bins.
+    Many lanes are packed piece by piece, those of the smallest jobs first: a piece takes as long as
+    the longest of its lanes.
     """
-    volume = stock.sizes[:, 0].astype(jnp.float32).prod(1) * stock.mask
-    room = jnp.maximum(stock.bins.astype(jnp.float32).prod(1), 1)  # 0 where there is no bin
-    lane = jnp.arange(bin.shape[0])[:, None]
-    packed = bin >= 0
-    held = jnp.zeros((bin.shape[0], room.shape[0])).at[lane, bin].add(volume * packed)
-    price = (stock.price * (held > 0)).sum(1)
-    # Of two packings in equally many bins the one with an emptier bin is nearer to one less.
-    even = (held * held / room).sum(1) / jnp.maximum(held.sum(1), 1e-9)
-    missing = (~packed & stock.mask).sum(1) / stock.mask.sum()
-    left_out = jnp.where(missing > 0, stock.penalty * (1 + missing), 0)
-    return price + WEIGHT_OF_FILL * (1 - even) + left_out
+    (B, P, N), surface = genes.order.shape, decoding.surface
+    job, lane = jnp.arange(B)[:, None, None], jnp.arange(P)[:, None]
+    item = jnp.arange(N)
+    lies = stocks.sizes[job, item, genes.turn]  # [B, P, N, 3]
+    sizes, rooms = (sides.astype(surface.dtype) for sides in (lies, stocks.bins[job, genes.pool]))
+    with jax.enable_x64(True):
+        needed, limit = stocks.needed[job, item, genes.turn], stocks.limit[job, genes.pool]
+        rows = (
+            sizes,
+            needed,
+            *(jnp.broadcast_to(leaf[:, None], (B, P, N)) for leaf in (stocks.mask, stocks.weight)),
+            rooms,
+            limit,
+            genes.order,
+        )
+        rows = jax.tree.map(lambda leaf: leaf.reshape(B * P, *leaf.shape[2:]), rows)
+        few = B * P <= PIECE
+        placed = _placed(decoding, rows) if few else _in_pieces(decoding, rows, stocks.mask, P)
+    bin, corner = jax.tree.map(lambda leaf: leaf.reshape(B, P, *leaf.shape[1:]), placed)
+    bin = jnp.where(bin >= 0, genes.pool[job, lane, bin], -1)
+    cost = jax.vmap(lambda *of: jax.vmap(partial(decoding.cost, jnp, of[0]))(Placed(*of[1:])))
+    return bin, corner, cost(stocks, bin, corner, lies)
+
+
+def _in_pieces(decoding: Decoding, rows: tuple, mask: Array, lanes: int) -> tuple[Array, Array]:
+    """`_placed` of many lanes."""
+    count = jnp.repeat(mask.sum(1, dtype=jnp.int32), lanes)
+    by_count = jnp.argsort(count).astype(jnp.int32)
+    rows = jax.tree.map(lambda leaf: leaf[by_count], rows)
+    placed = in_pieces(partial(_placed, decoding), rows, PIECE)
+    back = jnp.zeros_like(by_count).at[by_count].set(jnp.arange(len(count), dtype=jnp.int32))
+    found: tuple[Array, Array] = jax.tree.map(lambda leaf: leaf[back], placed)
+    return found
+
+
+def _placed(decoding: Decoding, rows: tuple) -> tuple[Array, Array]:
+    """(bin int32 [P, N], an index of the pool, corner int32 [P, N, 3]) of lanes [P, ...]."""
+    sizes, needed, mask, weight, rooms, limit, order = rows
+    sizes, rooms = (jnp.moveaxis(sides, -1, 0) for sides in (sizes, rooms))
+    items = Items((sizes[0].T, sizes[1].T, sizes[2].T), needed.T, mask.T, weight.T)
+    bins = Bins((rooms[0].T, rooms[1].T, rooms[2].T), limit.T)
+    with traced_for(decoding.made_for):
+        placed = decode(decoding.surface, rule_named(decoding.rule), items, bins, order.T)
+    corner = jnp.moveaxis(jnp.stack(placed.corner, -1).astype(jnp.int32), 1, 0)
+    return placed.bin.T.astype(jnp.int32), corner
 
 
 AS_GIVEN, ANNEAL, BREED = range(3)
 """What a round does: it packs the lanes as they are, to know what they cost; or goes on."""
 
 
-@partial(jax.jit, static_argnames="surface")
+@partial(jax.jit, static_argnames="decoding", compiler_options=QUICKLY)
 def advance(
-    surface: TopFaces, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
+    decoding: Decoding, stock: Stock, lanes: Lanes, rounds: Array, heat: Array, how: Array
 ) -> Lanes:
     """So many rounds; when annealing the worst quarter of the lanes then go on from better ones.
 
@@ -108,16 +160,16 @@ def advance(
         heat: float32[], rises in cost of this size are accepted one time in three.
         how: int32[], AS_GIVEN, ANNEAL or BREED.
     """
+    P, N = lanes.genes.order.shape
 
     def one_round(_: Array, lanes: Lanes) -> Lanes:
-        key, change_key, coin_key = jax.random.split(lanes.key, 3)
-        P = lanes.cost.shape[0]
-        rises = heat * jax.random.exponential(coin_key, (P,))
-        proposals = [_as_given, _annealed, _bred]
-        new, rises = jax.lax.switch(how, proposals, stock, change_key, lanes, rises)
+        key = jax.random.fold_in(jax.random.wrap_key_data(lanes.seed), lanes.round)
+        drawn = jax.random.uniform(key, (P, 3 * N + CHANGES))
+        proposals: list[Callable] = [_as_given, _annealed, partial(_bred, decoding.breeding)]
+        new = jax.lax.switch(how, proposals, stock, drawn, lanes)
         genes = Genes(jnp.argsort(new.place).astype(jnp.int32), new.turn, new.pool)
-        bin, corner, cost = pack_lanes(surface, stock, genes)
-        kept = cost <= lanes.cost + rises
+        bin, corner, cost = pack_lanes(decoding, stock, genes)
+        kept = cost <= lanes.cost + heat * new.rises
         least = jnp.argmin(cost)
         tried = Best(
             jax.tree.map(lambda leaf: leaf[least], genes), bin[least], corner[least], cost[least]
@@ -128,10 +180,9 @@ def advance(
             (genes, bin, cost),
             (lanes.genes, lanes.bin, lanes.cost),
         )
-        return Lanes(key, genes, bin, cost, best)
+        return Lanes(lanes.seed, lanes.round + 1, genes, bin, cost, best)
 
     lanes = jax.lax.fori_loop(0, rounds, one_round, lanes)
-    P = lanes.cost.shape[0]
     rank = jnp.argsort(lanes.cost)
     better = rank.at[P - P // 4 :].set(rank[: P // 4])
     source = jnp.where(how == ANNEAL, better, jnp.arange(P))
@@ -144,7 +195,8 @@ def join(lanes: Lanes, others: Lanes) -> Lanes:
     """The best of the lanes and of others, as many as there are lanes."""
     both = _side_by_side(_held(lanes), _held(others))
     genes, bin, cost = _cheapest(both, len(lanes.cost))
-    return Lanes(lanes.key, genes, bin, cost, _better(lanes.best, others.best))
+    best = _better(lanes.best, others.best)
+    return lanes._replace(genes=genes, bin=bin, cost=cost, best=best)
 
 
 @jax.jit
@@ -156,7 +208,7 @@ def exchange(one: Lanes, other: Lanes) -> tuple[Lanes, Lanes]:
     def visited(lanes: Lanes, guests: Lanes) -> Lanes:
         stay, come = _cheapest(_held(lanes), P - P // 4), _cheapest(_held(guests), P // 4)
         genes, bin, cost = _side_by_side(stay, come)
-        return Lanes(lanes.key, genes, bin, cost, best)
+        return lanes._replace(genes=genes, bin=bin, cost=cost, best=best)
 
     return visited(one, other), visited(other, one)
 
@@ -191,82 +243,75 @@ class Proposals(NamedTuple):
     place: Array  # float32 [P, N], by item: the smallest goes first, padding last
     turn: Array  # int32 [P, N]
     pool: Array  # int32 [P, S]
+    rises: Array  # float32 [P], in cost, that are accepted, in parts of the heat
 
 
-def _as_given(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
-    return Proposals(_places(lanes.genes.order), lanes.genes.turn, lanes.genes.pool), rises
+def _as_given(stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
+    genes = lanes.genes
+    return Proposals(_places(genes.order), genes.turn, genes.pool, jnp.zeros_like(lanes.cost))
 
 
-def _annealed(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
-    """One random change of every lane."""
-    keys = jax.random.split(key, lanes.cost.shape[0])
-    return jax.vmap(_changed, (None, 0, 0, 0))(stock, keys, lanes.genes, lanes.bin), rises
+def _annealed(stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
+    """One random change of every lane: items change places or bins, one is turned, or bins swap."""
+    (P, N), S = lanes.genes.order.shape, lanes.genes.pool.shape[1]
+    genes, lane, place = lanes.genes, jnp.arange(P)[:, None], jnp.arange(N)
+    choice, turns, swaps, way, *rest, rises = (drawn[:, n, None] for n in range(CHANGES))
+    count = stock.mask.sum()
+    one, two = ((number * count).astype(jnp.int32) for number in rest[:2])
+    swapped = jnp.where(place == one, two, jnp.where(place == two, one, place))
+    moved = jnp.where(place == one, two + jnp.where(two > one, 0.5, -0.5), place)
+    # The items of one bin before all others.
+    in_order = lanes.bin[lane, genes.order]
+    dissolved = jnp.where(in_order == in_order[lane, one], place - N, place)
+    rank = jnp.where(choice < 0.35, swapped, jnp.where(choice < 0.7, moved, place))
+    rank = jnp.where((choice >= 0.7) & (choice < 0.8), dissolved, rank)
+    rank = jnp.where(place < count, rank, place)
+    item = genes.order[lane, one]
+    other = (way * stock.ways[item]).astype(jnp.int32)
+    turning = (jnp.arange(N) == item) & ((choice >= 0.8) | (turns < 0.1))
+    used = jnp.zeros((P, S), bool).at[lane, lanes.bin].max(lanes.bin >= 0).sum(1, keepdims=True)
+    several = (stock.price.max() > stock.price.min()) | (stock.bins != stock.bins[0]).any()
+    first = (rest[2] * jnp.minimum(used + 1, S)).astype(jnp.int32)
+    second = (rest[3] * S).astype(jnp.int32)
+    slot = jnp.arange(S)
+    pool = jnp.where(slot == first, genes.pool[lane, second], genes.pool)
+    pool = jnp.where(slot == second, genes.pool[lane, first], pool)
+    return Proposals(
+        jnp.zeros((P, N)).at[lane, genes.order].set(rank),
+        jnp.where(turning, other, genes.turn),
+        jnp.where(several & (swaps < 0.2), pool, genes.pool),
+        -jnp.log1p(-rises[:, 0]),
+    )
 
 
-def _bred(stock: Stock, key: Array, lanes: Lanes, rises: Array) -> tuple[Proposals, Array]:
+def _bred(config: BrkgaConfig, stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
     """The next generation: mutants, children, and the elite where no child of theirs is better.
 
     A child inherits every item's place and orientation from one of the elite or one other.
     """
-    P, N = lanes.genes.order.shape
-    elite, mutants = max(1, round(ELITE * P)), round(MUTANTS * P)
-    lane = jnp.arange(P)
+    (P, N), lane = lanes.genes.order.shape, jnp.arange(len(lanes.cost))
+    elite, mutants, _ = config.shares_of(P)
     cost = lanes.cost
-    before = (cost < cost[:, None]) | ((cost == cost[:, None]) & (lane < lane[:, None]))
-    rank = before.sum(1)
+    ahead = (cost < cost[:, None]) | ((cost == cost[:, None]) & (lane < lane[:, None]))
+    rank = ahead.sum(1)
     best_first = jnp.zeros(P, jnp.int32).at[rank].set(lane)
-    coin_key, pair_key, fresh_key = jax.random.split(key, 3)
-    coins = jax.random.uniform(coin_key, (P, N + 1)) < BIAS
-    pairs = jax.random.uniform(pair_key, (2, P))
-    mother = best_first[(pairs[0] * elite).astype(jnp.int32)]
-    father = best_first[elite + (pairs[1] * (P - elite)).astype(jnp.int32)]
-    fresh = jax.random.uniform(fresh_key, (2, P, N))
+    mother = best_first[(drawn[:, 0] * elite).astype(jnp.int32)]
+    father = best_first[elite + (drawn[:, 1] * (P - elite)).astype(jnp.int32)]
+    coins = drawn[:, 2 : N + 3] < config.bias
+    fresh = drawn[:, N + 3 : 2 * N + 3], drawn[:, 2 * N + 3 : 3 * N + 3]
+    born = crossed(coins[:, :N], (_places(lanes.genes.order), lanes.genes.turn), mother, father)
     mutant = (rank >= P - mutants)[:, None]
-    place, turn = (
-        jnp.where(mutant, new, jnp.where(coins[:, :N], old[mother], old[father]))
-        for new, old in (
-            (fresh[0] * N, _places(lanes.genes.order)),
-            ((fresh[1] * stock.ways).astype(jnp.int32), lanes.genes.turn),
-        )
+    place = jnp.where(mutant, fresh[0] * N, born[0])
+    return Proposals(
+        jnp.where(stock.mask, place, N + jnp.arange(N)),
+        jnp.where(mutant, (fresh[1] * stock.ways).astype(jnp.int32), born[1]),
+        crossed(coins[:, N:], lanes.genes.pool, mother, father),
+        jnp.where(rank < elite, 0, jnp.inf),
     )
-    pool = jnp.where(coins[:, N:], lanes.genes.pool[mother], lanes.genes.pool[father])
-    place = jnp.where(stock.mask, place, N + jnp.arange(N))
-    return Proposals(place, turn, pool), jnp.where(rank < elite, 0, jnp.inf)
 
 
 def _places(orders: Array) -> Array:
     """Where every item stands: float32 [P, N]."""
     P, N = orders.shape
-    return (
-        jnp.zeros((P, N)).at[jnp.arange(P)[:, None], orders].set(jnp.arange(N, dtype=jnp.float32))
-    )
-
-
-def _changed(stock: Stock, key: Array, genes: Genes, bin: Array) -> Proposals:
-    keys = jax.random.split(key, 8)
-    N, S = genes.order.shape[0], genes.pool.shape[0]
-    count = stock.mask.sum()
-    place = jnp.arange(N, dtype=jnp.float32)
-    one, two = jax.random.randint(keys[0], (2,), 0, count)
-    swapped = place.at[one].set(two).at[two].set(one)
-    moved = place.at[one].set(two + jnp.where(two > one, 0.5, -0.5))
-    # The items of one bin before all others.
-    in_order = bin[genes.order]
-    mine = in_order == in_order[one]
-    dissolved = jnp.where(mine, place - N, place)
-    # Part of a bin last: what remains there settles anew.
-    choice = jax.random.uniform(keys[1])
-    rank = jnp.where(choice < 0.35, swapped, jnp.where(choice < 0.7, moved, place))
-    rank = jnp.where((choice >= 0.7) & (choice < 0.8), dissolved, rank)
-    rank = jnp.where(jnp.arange(N) < count, rank, place)
-    item = genes.order[one]
-    turns = (choice >= 0.8) | (jax.random.uniform(keys[2]) < 0.1)
-    way = jax.random.randint(keys[3], (), 0, stock.ways[item])
-    turn = genes.turn.at[item].set(jnp.where(turns, way, genes.turn[item]))
-    used = (jnp.zeros(S).at[bin].add(bin >= 0) > 0).sum()
-    first = jax.random.randint(keys[4], (), 0, jnp.minimum(used + 1, S))
-    second = jax.random.randint(keys[5], (), 0, S)
-    exchanged = genes.pool.at[first].set(genes.pool[second]).at[second].set(genes.pool[first])
-    several = (stock.price.max() > stock.price.min()) | (stock.bins != stock.bins[0]).any()
-    pool = jnp.where(several & (jax.random.uniform(keys[6]) < 0.2), exchanged, genes.pool)
-    return Proposals(jnp.zeros(N).at[genes.order].set(rank), turn, pool)
+    place = jnp.broadcast_to(jnp.arange(N, dtype=jnp.float32), (P, N))
+    return jnp.zeros((P, N)).at[jnp.arange(P)[:, None], orders].set(place)

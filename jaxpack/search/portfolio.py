@@ -1,21 +1,26 @@
 """From a job to a plan, in the time that is given: the best of everything that was tried."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum, auto
+from itertools import islice
 from math import inf
 from time import perf_counter
 
 import numpy as np
 
-from jaxpack.model.bounds import Bounds, bounds
+from jaxpack.model.bounds import Bounds
 from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job, plan_of
-from jaxpack.model.figures import plan_worth, total_cost
+from jaxpack.model.figures import total_cost
 from jaxpack.model.job import Job, Plan
+from jaxpack.model.objectives import bounds, gap, objective_of
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import SearchProcess, borrow, give_back
-from jaxpack.search.quick import Best, quick_plan, search_quickly
+from jaxpack.search.quick import SORTS, Best, quick_plan, search_quickly
+from jaxpack.search.requests import Request
 
+SECONDS = 10.0
 TICK = 0.05  # seconds between looks at the clock
 BOUNDING = 0.15  # share of the time that bounds may take
 CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it,
@@ -26,13 +31,21 @@ PER_ITEM = 1e-4  # or so many seconds an item, where something else slowed the s
 class SolveOptions:
     """How to pack."""
 
-    time_limit: float = 10.0  # seconds, compilation included
+    time_limit: float | None = None  # seconds, compilation included; see `seconds`
     seed: int = 0
     support: float = Rules.support
     inclusive: bool = Rules.inclusive
     resolution: float | None = None  # corners stand on a grid of this length; anywhere if not given
     skip_unfit: bool = False
     policy: bool = True  # whether the shipped policy draws orders for the search to go on from
+    packings: int | None = None  # that are tried at most: with one seed the plan is the same then
+
+    @property
+    def seconds(self) -> float:
+        """The time limit: where none is given 10, but none if there is a number of packings."""
+        if self.time_limit is not None:
+            return self.time_limit
+        return SECONDS if self.packings is None else inf
 
     @property
     def rules(self) -> Rules:
@@ -46,6 +59,7 @@ class End(Enum):
     BOUND = auto()  # no plan can be better
     TIME = auto()
     UNREADY = auto()  # time, before the compiled search was ready
+    BUDGET = auto()  # packings
     INTERRUPT = auto()
 
 
@@ -53,22 +67,62 @@ class End(Enum):
 class Progress:
     """The best plan so far. It has passed the check."""
 
+    job: Job
     plan: Plan
-    bins: int
-    cost: float
     bounds: Bounds
     seconds: float  # since the start
     packings: int  # tried so far
     end: End | None  # of the search; None where it goes on
+
+    @property
+    def bins(self) -> int:
+        """How many are used."""
+        return len(self.plan.bins)
+
+    @property
+    def cost(self) -> float:
+        """Of all of them."""
+        return total_cost(self.job, self.plan)
+
+    @property
+    def measure(self) -> float:
+        """The number that is minimised first, or maximised: bins, their cost, value, height."""
+        return objective_of(self.job).measure(self.job, self.plan)
+
+    @property
+    def bound(self) -> float:
+        """What no plan's measure is better than."""
+        return self.bounds.best
+
+    @property
+    def gap(self) -> float | None:
+        """How far the measure is from the bound at most: see `objectives.gap`."""
+        return gap(self.job, self.plan, self.bounds)
 
 
 def solve_job(
     job: Job,
     options: SolveOptions = SolveOptions(),
     stop: Callable[[], bool] = lambda: False,
+    progress: Callable[[Progress], object] = lambda better: None,
 ) -> Progress:
-    """The last one of `improve`."""
-    *_, last = improve(job, options, stop)
+    """The last one of `improve`.
+
+    Args:
+        job, options, stop: see there.
+        progress: called with every plan that is better than those before; ends the search, as
+            `stop` does, if it returns something true.
+    """
+    told, last = False, None
+
+    def stopped() -> bool:
+        return told or stop()
+
+    for found in improve(job, options, stopped):
+        if last is None or found.plan is not last.plan:
+            told = bool(progress(found)) or told
+        last = found
+    assert last is not None, "there is a first plan"
     return last
 
 
@@ -77,7 +131,7 @@ def improve(
     options: SolveOptions = SolveOptions(),
     stop: Callable[[], bool] = lambda: False,
 ) -> Iterator[Progress]:
-    """Better and better plans until the time is up, the last one being the best.
+    """Better and better plans until time or packings are used up, the last one being the best.
 
     Args:
         job: what is packed into what.
@@ -90,11 +144,12 @@ def improve(
     """
     begun = perf_counter()
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-    record = _Record(loading, bounds(job, BOUNDING * options.time_limit), begun)
+    bounding = BOUNDING * options.seconds if options.packings is None else None
+    record = _Record(job, loading, bounds(job, bounding), begun)
     sorting = perf_counter()
     first = lane_genes(loading, options.seed, 0)
     checking = min(CHECKING * (perf_counter() - sorting), PER_ITEM * len(loading.items))
-    end = begun + options.time_limit - checking
+    end = begun + options.seconds - checking
 
     def late() -> bool:
         return perf_counter() > end or stop()
@@ -105,16 +160,16 @@ def improve(
             yield progress
             if progress.end:
                 return
-    ended = End.INTERRUPT if stop() else End.TIME if searches.ready else End.UNREADY
-    yield record.progress(ended)
+    yield record.progress(End.INTERRUPT if stop() else searches.end_of(record.packings))
 
 
 class _Record:
     """The best plan that a search has met."""
 
-    def __init__(self, loading: Loading, bounds: Bounds, begun: float) -> None:
-        self.loading, self.bounds, self.begun = loading, bounds, begun
+    def __init__(self, job: Job, loading: Loading, bounds: Bounds, begun: float) -> None:
+        self.job, self.loading, self.bounds, self.begun = job, loading, bounds, begun
         self.packings, self.cost = 0, inf
+        self.worth = objective_of(loading.job).worth
         self.plan: Plan | None = None
 
     def with_one(self, found: Best | None, tried: int) -> Progress | None:
@@ -126,20 +181,18 @@ class _Record:
         genes, loading = found.genes, self.loading
         types = cheapest_types(loading, genes.turn, found.bin, found.corner)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
-        worth = plan_worth(loading.job, plan)
-        if self.plan and worth >= plan_worth(loading.job, self.plan):
+        worth = self.worth(loading.job, plan)
+        if self.plan and worth >= self.worth(loading.job, self.plan):
             return None
         check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
         self.plan = plan
-        reached = self.bounds.reached_by(loading.job, plan)
-        return self.progress(End.BOUND if reached else None)
+        return self.progress(End.BOUND if worth <= self.bounds.worth else None)
 
     def progress(self, end: End | None) -> Progress:
         """What there is now."""
-        job, plan, seconds = self.loading.job, self.plan, perf_counter() - self.begun
-        assert plan, "the first packing is one"
-        cost = total_cost(job, plan)
-        return Progress(plan, len(plan.bins), cost, self.bounds, seconds, self.packings, end)
+        assert self.plan, "the first packing is one"
+        seconds = perf_counter() - self.begun
+        return Progress(self.job, self.plan, self.bounds, seconds, self.packings, end)
 
 
 class _Searches:
@@ -160,6 +213,9 @@ class _Searches:
         """(a packing or None, packings tried since), until it is late: at once one of `first`."""
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
+        if self.options.packings is not None:
+            yield from self._counted(best, self.options.packings - 1)
+            return
         if not compiles(self.loading) or self.late():
             yield from self._quickly(best, self.late)
             return
@@ -173,25 +229,74 @@ class _Searches:
         finally:
             give_back(process)
 
-    def _quickly(self, best: Best, stop: Callable[[], bool]) -> Iterator[tuple[Best | None, int]]:
-        for found in search_quickly(self.loading, self.options.seed, best, stop):
+    def end_of(self, packings: int) -> End:
+        """Why a search ends that has tried so many and was not interrupted."""
+        if self.options.packings is not None and packings >= self.options.packings:
+            return End.BUDGET
+        return End.TIME if self.ready else End.UNREADY
+
+    def _quickly(
+        self, best: Best, stop: Callable[[], bool], sorts: int = SORTS - 1
+    ) -> Iterator[tuple[Best | None, int]]:
+        for found in search_quickly(self.loading, self.options.seed, best, stop, sorts):
             yield found, int(found is not None)
 
-    def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
-        policy = f"bin-aware-{self.loading.job.dimension}d-turned" if self.options.policy else ""
+    def _counted(self, best: Best, left: int) -> Iterator[tuple[Best | None, int]]:
+        """So many packings, whatever the clock says: sorts, the compiled search, and in NumPy what
+        is too little for that or left by it.
+        """
+        sorts = min(SORTS - 1, left)
+        for found, tried in islice(self._quickly(best, self.late, sorts), sorts):
+            best, left = _better(best, found), left - tried
+            yield found, tried
+        if left and compiles(self.loading) and not self.late():
+            with closing(self._asked(best, left)) as replies:
+                for found, tried in replies:
+                    best, left = _better(best, found), left - tried
+                    yield found, tried
+        yield from islice(self._quickly(best, self.late, sorts=0), left)
+
+    def _asked(self, best: Best, packings: int) -> Generator[tuple[Best | None, int]]:
+        """What the compiled search finds in so many packings."""
+        try:
+            process = borrow()
+        except OSError:
+            return
+        try:
+            process.ask(self._request(best, packings))
+            while process.running and process.alive and not self.late():
+                yield from self._reply(process)
+        finally:
+            give_back(process)
+
+    def _request(self, best: Best, packings: int | None = None) -> Request:
+        job = self.loading.job
+        draws = self.options.policy and not objective_of(job).open_bin  # it sees shares of a bin
+        policy = f"bin-aware-{job.dimension}d-turned" if draws else ""
         left = self.end - perf_counter()
+        return Request(self.loading, self.options.seed, left, best.genes, policy, packings)
+
+    def _reply(self, process: SearchProcess) -> Iterator[tuple[Best | None, int]]:
+        """Its next packing, if one comes soon."""
+        reply = process.next(min(TICK, self.end - perf_counter()))
+        if isinstance(reply, int):
+            yield None, reply
+        elif reply is not None:
+            self.ready = True
+            yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
+
+    def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
         self.ready = False
-        process.ask(self.loading, self.options.seed, left, best.genes, policy)
+        process.ask(self._request(best))
         yield from self._quickly(best, lambda: self.late() or process.ready)
         while not self.late():
-            reply = process.next(min(TICK, self.end - perf_counter()))
-            if isinstance(reply, int):
-                yield None, reply
-            elif reply is not None:
-                self.ready = True
-                yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
-            elif not process.alive:  # it ran out of memory, or somebody ended it
+            yield from self._reply(process)
+            if not (process.alive or process.ready):  # it ran out of memory, or somebody ended it
                 yield from self._quickly(best, self.late)
+
+
+def _better(best: Best, found: Best | None) -> Best:
+    return found if found and found.cost < best.cost else best
 
 
 def cheapest_types(

@@ -17,7 +17,7 @@ from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, split_batch
 
 Objective = Callable[[Instance, Packing], Array]
-"""A cost to minimise: (instance, packing) -> float32 scalar. See `jaxpack.model.objectives`."""
+"""A cost to minimise: (instance, packing) -> float32 scalar. See `jaxpack.model.metrics`."""
 
 Draw = Callable[[Array, Instance], Array]
 """Random orders: (keys [B], instances [B, ...]) -> int32 [B, N], padding last."""

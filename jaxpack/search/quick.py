@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxpack.model.encoding import Genes, Loading, Stock, lane_genes
+from jaxpack.model.encoding import Genes, Loading, lane_genes
+from jaxpack.model.objectives import Placed, objective_of
+from jaxpack.packing.rules import RULES, Rule, rule_named
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
 
-WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
 HEAT = 0.05  # rises of this size are accepted one time in three, in prices
@@ -43,18 +44,42 @@ def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Be
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
-        genes = stand_in_columns(loading, genes, bin, corner)
-    return Best(genes, bin, corner, cost_of(loading.stock, bin))
+        if objective_of(loading.job).open_bin:
+            genes = _low_columns(loading, genes, bin, corner)
+        else:
+            genes = stand_in_columns(loading, genes, bin, corner)
+    return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
 
 
-def search_quickly(loading: Loading, seed: int, first: Best, stop: Stop) -> Iterator[Best | None]:
+def _low_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Genes:
+    """All items in columns, low ones that stand in the one bin: those of a half might not."""
+    stock = loading.stock
+    x, y, z = stock.bins[0].tolist()
+    sizes = stock.sizes[np.arange(len(bin)), genes.turn].astype(np.float64)
+    height = int(max(sizes[:, 2].max(), sizes.prod(1).sum() / (x * y)))
+    while True:
+        bin[:] = -1
+        new = stand_in_columns(loading, genes, bin, corner, height)
+        if (bin >= 0).all() or height >= z:
+            return new
+        height += 1 + height // 4
+
+
+def search_quickly(
+    loading: Loading, seed: int, first: Best, stop: Stop, sorts: int = SORTS - 1
+) -> Iterator[Best | None]:
     """The sorts, then annealing from the best and from anew: a packing, None where it was cut off.
 
-    Every packing that `first` or one before it does not better.
+    Args:
+        loading: what is packed.
+        seed: of the random choices.
+        first: to begin with; the first sort, or where so many `sorts` are 0 the best of all.
+        stop: see `pack_quickly`.
+        sorts: how many there are besides.
     """
     random = np.random.default_rng([seed, 1])
     best = first
-    for lane in range(1, SORTS):
+    for lane in range(1, sorts + 1):
         new = _packed(loading, lane_genes(loading, seed, lane), stop)
         yield new
         if new is None:
@@ -93,17 +118,18 @@ def pack_quickly(
         genes: of one lane.
         stop: asked before every placement; what follows then is not packed.
         blocks: items of a kind that follow each other are placed many at once where the ground is
-            level, row by row.
+            level, row by row; if the lowest position is taken.
     """
     stock = loading.stock
-    runs = runs_of(loading, genes, whole=blocks)
+    rule = rule_named(loading.rules.position)
+    runs = runs_of(loading, genes, whole=blocks and rule is RULES["lowest"])
     ends = np.cumsum([run.copies for run in runs])
     rows = genes.order[ends - 1]  # one of each run
     turn = [run.turn for run in runs]
     sizes = stock.sizes[rows, turn].astype(np.int64)
     filler = _Filler(
         sizes, stock.needed[rows, turn], stock.weight[rows].astype(np.int64),
-        np.asarray([run.copies for run in runs]), stop,
+        np.asarray([run.copies for run in runs]), rule, stop,
     )  # fmt: skip
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     starts, barren = ends - filler.waiting, set[int]()
@@ -134,12 +160,13 @@ class _Filler:
         needed: np.ndarray,
         weight: np.ndarray,
         count: np.ndarray,
+        rule: Rule,
         stop: Stop,
     ) -> None:
         self.size, self.needed, self.weight, self.count = size, needed, weight, count
         self.volume = size.astype(np.float64).prod(1)
         self.waiting = count.copy()
-        self.stop = stop
+        self.rule, self.stop = rule, stop
 
     def fill(self, top: TopMap, limit: float) -> Iterator[tuple[int, int, np.ndarray]]:
         """(run, which of its copies is the first, corners) of what comes into a bin."""
@@ -161,7 +188,9 @@ class _Filler:
             while self.waiting[run] and volume <= free and weight <= left:
                 if height >= refused.get((length, width), height + 1):
                     break
-                corner = top.lowest((length, width, height), int(self.needed[run]), self.stop)
+                corner = top.first(
+                    self.rule, (length, width, height), int(self.needed[run]), self.stop
+                )
                 if corner is None:
                     refused[length, width] = height
                     break
@@ -207,21 +236,16 @@ def genes_of(loading: Loading, runs: list[Run], pool: np.ndarray) -> Genes:
     return Genes(order, turn, pool)
 
 
-def cost_of(stock: Stock, bin: np.ndarray) -> float:
-    """Price of the bins, then how unevenly they are filled, as in `local_search`."""
-    volume = stock.sizes[:, 0].astype(np.float64).prod(1)
-    room = stock.bins.astype(np.float64).prod(1)
-    packed = bin >= 0
-    held = np.bincount(bin[packed], volume[packed], len(room))
-    even = float((held * held / room).sum() / max(held.sum(), 1e-9))
-    missing = float((~packed).mean())
-    left_out = float(stock.penalty) * (1 + missing) if missing else 0.0
-    return float(stock.price[held > 0].sum()) + WEIGHT_OF_FILL * (1 - even) + left_out
+def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> float:
+    """What a packing costs to the search: see `Objective.cost`."""
+    lies = loading.stock.sizes[np.arange(len(bin)), genes.turn]
+    placed = Placed(bin, corner, lies)
+    return float(objective_of(loading.job).cost(np, loading.stock, placed))
 
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
     bin, corner = pack_quickly(loading, genes, stop)
-    return None if stop() else Best(genes, bin, corner, cost_of(loading.stock, bin))
+    return None if stop() else Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
 
 
 def _changed(

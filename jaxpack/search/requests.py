@@ -8,13 +8,14 @@ from jaxpack.model.encoding import Genes, Loading
 
 
 class Request(NamedTuple):
-    """A job to search, until the time is up or something else is received."""
+    """A job to search, until the time or the packings are used up or something else is received."""
 
     loading: Loading
     seed: int
     seconds: float
     first: Genes  # of one lane: where the search begins besides the sorts
     policy: str  # name of a shipped policy that draws orders for it, "" for none
+    packings: int | None = None  # that may be tried at most
 
 
 class Found(NamedTuple):

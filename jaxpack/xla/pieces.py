@@ -7,17 +7,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxpack.xla.target import target
+
 T = TypeVar("T")
 U = TypeVar("U")
-
-
-WIDER = 16
-"""Times as many lanes on a GPU, which small programs leave idle, as in the cache of a CPU."""
-
-
-def side_by_side(lanes: int) -> int:
-    """How many lanes to work on at once where a CPU should work on `lanes`."""
-    return lanes if jax.default_backend() == "cpu" else WIDER * lanes
 
 
 def in_pieces(function: Callable[[T], U], batch: T, size: int) -> U:
@@ -26,9 +19,9 @@ def in_pieces(function: Callable[[T], U], batch: T, size: int) -> U:
     The last piece is filled up with the last member.
 
     Args:
-        size: on a CPU; elsewhere see `side_by_side`.
+        size: on a CPU; elsewhere see `Target.lanes`.
     """
-    size = side_by_side(size)
+    size = target().lanes(size)
     count = len(jax.tree.leaves(batch)[0])
     missing = -count % size
 

@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.xla.target import LOOPS, target
+
 T = TypeVar("T")
 
 SMALL_LOOP = 1_000_000  # bytes that a turn may read and write
 MANY = 2_000  # numbers, of which a minimum is worth a loop: on AVX2 from here on five times faster
-_OPTION = "xla_cpu_small_while_loop_byte_threshold"
 
 
 def tune_for_cpu() -> None:
@@ -32,16 +33,11 @@ def tune_for_cpu() -> None:
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if "xla_backend_extra_options" not in flags:  # there is only one
-        flags += f" --xla_backend_extra_options={_OPTION}={SMALL_LOOP}"
+        flags += f" --xla_backend_extra_options={LOOPS}={SMALL_LOOP}"
     if "xla_cpu_prefer_vector_width" not in flags:
         flags += " --xla_cpu_prefer_vector_width=512"
     os.environ["XLA_FLAGS"] = flags.strip()
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-
-
-def loops_are_whole() -> bool:
-    """Whether the program that is being traced runs on a CPU and that was asked for."""
-    return jax.default_backend() == "cpu" and _OPTION in os.environ.get("XLA_FLAGS", "")
 
 
 def apart(always: Array, function: Callable[..., T], *arguments: Any) -> T:
@@ -53,7 +49,7 @@ def apart(always: Array, function: Callable[..., T], *arguments: Any) -> T:
     Args:
         always: bool scalar, True; XLA must not be able to tell.
     """
-    if not loops_are_whole():
+    if not target().whole_loops:
         return function(*arguments)
     shapes = jax.eval_shape(function, *arguments)
 
@@ -72,7 +68,7 @@ def whole(always: Array, function: Callable[..., T], *arguments: Any) -> T:
     Args:
         always: bool scalar, True; XLA must not be able to tell.
     """
-    if not loops_are_whole():
+    if not target().whole_loops:
         return function(*arguments)
     shapes = jax.eval_shape(function, *arguments)
     nothing = jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
@@ -85,19 +81,24 @@ def least(array: Array, axes: int) -> Array:
     """Minimum over the leading axes, without XLA's library of reductions: no loop that calls it can
     be one program.
     """
-    if not loops_are_whole():
+    if not target().whole_loops:
         return array.min(tuple(range(axes)))
     rows = array.reshape(-1, *array.shape[axes:])
     if rows.size < MANY:
-        largest = np.array(np.iinfo(rows.dtype).max, rows.dtype)
+        largest = np.array(largest_of(rows.dtype), rows.dtype)
         # Any function that is not `minimum`, which XLA would know.
         return jax.lax.reduce(rows, largest, lambda a, b: jnp.where(a < b, a, b), (0,))
     return _folded(jnp.minimum, rows)
 
 
+def largest_of(dtype: np.dtype) -> float | int:
+    """No number of the type is larger."""
+    return math.inf if jnp.issubdtype(dtype, jnp.floating) else int(np.iinfo(dtype).max)
+
+
 def total(array: Array, axes: int) -> Array:
     """Sum over the leading axes, in the same way."""
-    if not loops_are_whole():
+    if not target().whole_loops:
         return array.sum(tuple(range(axes)), dtype=array.dtype)
     return _folded(jnp.add, array.reshape(-1, *array.shape[axes:]))
 

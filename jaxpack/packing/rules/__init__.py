@@ -11,6 +11,7 @@ A rule of your own: ``RULES["mine"] = mine``, and ``Problem(..., rule="mine")``.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from jaxpack.errors import UserError
 from jaxpack.packing.rules.least_wasted import least_wasted
 from jaxpack.packing.rules.lowest import lowest
 from jaxpack.packing.rules.most_contact import most_contact
@@ -42,3 +43,14 @@ RULES: dict[str, Rule] = {
     "least-wasted": least_wasted,
 }
 """Name -> rule."""
+
+
+def rule_named(name: str) -> Rule:
+    """The rule with that name.
+
+    Raises:
+        UserError: there is none; it names those that there are.
+    """
+    if name not in RULES:
+        raise UserError(f"position rule '{name}': choose {', '.join(RULES)}")
+    return RULES[name]

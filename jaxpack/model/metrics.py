@@ -1,4 +1,4 @@
-"""How good is a packing? Section II.D of the paper, and what the field adds to it.
+"""How good is a packing on a grid? Section II.D of the paper, and what the field adds to it.
 
 Every function takes one instance and its packing and returns a scalar; batch them with vmap.
 """

@@ -1,0 +1,124 @@
+"""Packings per second without a grid: many jobs as one batch, beside the surface in NumPy.
+
+Ivancic's 47 jobs, four sorts of each, and the bookshop's 2,144 orders, one of each, at least as
+many bins of every type as there are items; `--data FOLDER` names where the files are. Each set is
+padded to one shape and packed by one program on one core.
+"""
+
+import argparse
+import csv
+import sys
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.timing import compiled, report, seconds
+from jaxpack.model.encoding import (
+    Genes,
+    Stock,
+    lane_genes,
+    load_job,
+    most_together,
+    padded,
+    padded_genes,
+)
+from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.packing.top_faces import SHORT, TopFaces
+from jaxpack.search.local_search import Decoding, pack_jobs
+from jaxpack.search.quick import pack_quickly
+
+sys.path.append(str(Path(__file__).parents[1] / "experiments"))
+from public_instances import FOLDER, IVANCIC, data_file, read_ivancic
+
+ORDERS, CARTONS = "bookshop_orders.csv", "bookshop_cartons.csv"
+IN_NUMPY = 100  # packings, by which the surface in NumPy is timed
+
+
+def bookshop(folder: Path) -> list[Job]:
+    def rows(name: str) -> list[dict[str, str]]:
+        with data_file(folder, name).open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    def sides(row: dict[str, str]) -> tuple[float, float, float]:
+        return float(row["X"]), float(row["Y"]), float(row["Z"])
+
+    cartons = tuple(
+        BinType(sides(row), cost=1.0, max_weight=float(row["MAXIMUM_WEIGHT"]))
+        for row in rows(CARTONS)
+    )
+    orders: dict[str, list[ItemType]] = {}
+    for row in rows(ORDERS):
+        item = ItemType(sides(row), int(row["COPIES"]), float(row["WEIGHT"]), tuple(ORIENTATIONS))
+        orders.setdefault(row["ORDER"], []).append(item)
+    return [Job(tuple(items), cartons, name=name) for name, items in orders.items()]
+
+
+def turned_alike(stock: Stock, ways: int = len(ORIENTATIONS)) -> Stock:
+    """With the last orientation repeated until there are so many."""
+    missing = ((0, 0), (0, ways - stock.sizes.shape[1]))
+    return stock._replace(
+        sizes=np.pad(stock.sizes, (*missing, (0, 0)), "edge"),
+        needed=np.pad(stock.needed, missing, "edge"),
+    )
+
+
+def main(repeats: int = 5) -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--data", type=Path, default=FOLDER)
+    folder = parser.parse_known_args()[0].data
+    sets = {
+        "Ivancic": (read_ivancic(data_file(folder, IVANCIC)), 4),
+        "bookshop": (bookshop(folder), 1),
+    }
+    rows = []
+    for name, (jobs, lanes) in sets.items():
+        loadings = [load_job(job, skip_unfit=True) for job in jobs]
+        items, bins, most = (
+            1 << (max(map(count, loadings)) - 1).bit_length()
+            for count in (
+                lambda one: len(one.items),
+                lambda one: len(one.bins),
+                lambda one: most_together(one.stock),
+            )
+        )
+        stocks = [turned_alike(padded(one.stock, items, bins)) for one in loadings]
+        genes = [
+            [padded_genes(lane_genes(one, 0, lane), items, bins) for lane in range(lanes)]
+            for one in loadings
+        ]
+        with jax.enable_x64(True):
+            stock = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *stocks)
+        some = [Genes(*map(np.stack, zip(*of_job, strict=True))) for of_job in genes]
+        every = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *some)
+        short = max(int(one.stock.bins.max()) for one in loadings) <= SHORT
+        decoding = Decoding(TopFaces(most, short=short))
+        packer, compile_seconds = compiled(partial(pack_jobs, decoding), stock, every)
+        plain = [(one, lane_genes(one, 0, 0)) for one in loadings[:: -(-len(jobs) // IN_NUMPY)]]
+
+        def in_numpy(plain: list = plain) -> None:
+            for one, of_it in plain:
+                pack_quickly(one, of_it, blocks=False)
+
+        for (one, of_it), found in zip(
+            plain, np.asarray(packer(stock, every)[0])[:: -(-len(jobs) // IN_NUMPY), 0], strict=True
+        ):
+            np.testing.assert_array_equal(  # to the bin
+                pack_quickly(one, of_it, blocks=False)[0], found[: len(one.items)]
+            )
+        took = seconds({"jax": partial(packer, stock, every), "numpy": in_numpy}, repeats)
+        ours, theirs = len(jobs) * lanes / took["jax"], len(plain) / took["numpy"]
+        rows.append(
+            {
+                "set": name,
+                "packings": len(jobs) * lanes,
+                "items padded to": items,
+                "pack_jobs, packings/s": ours,
+                "NumPy, packings/s": theirs,
+                "pack_jobs / NumPy": ours / theirs,
+                "compile, s": compile_seconds,
+            }
+        )
+    report("exact", rows)

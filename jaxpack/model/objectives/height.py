@@ -1,0 +1,74 @@
+"""The least height of everything in one bin, whose own height is a limit or open."""
+
+from dataclasses import replace
+from fractions import Fraction
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from jaxpack.errors import UserError
+from jaxpack.model.bounds import Bounds, least_height
+from jaxpack.model.exact import exact
+from jaxpack.model.job import BinType, Job, Plan
+from jaxpack.model.objectives.base import Objective, Placed
+
+if TYPE_CHECKING:
+    from jaxpack.model.encoding import Stock
+
+STEEP = 4.0  # cost of the height that the volume needs: changes then cost as much as for `bins`
+OF_LEVEL = 0.1  # of that, what is low beside the highest counts
+
+
+def _prepared(job: Job) -> Job:
+    """With one bin, as high as the items all on top of each other where it is open."""
+    if (there := sum(kind.copies != 0 for kind in job.bins)) != 1:
+        raise UserError(f"objective height: {there} types of bins; give one bin")
+
+    def closed(kind: BinType) -> BinType:
+        x, y, z = kind.size
+        copies = 0 if kind.copies == 0 else 1
+        return replace(kind, size=(x, y, job.pile if kind.open else z), copies=copies)
+
+    bins = tuple(map(closed, job.bins))
+    return job if bins == job.bins else replace(job, bins=bins)
+
+
+def _height(job: Job, plan: Plan) -> float:
+    return max((job.room(packed)[2] for packed in plan.bins), default=0.0)
+
+
+def _worth(job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
+    return len(plan.left_out), exact(_height(job, plan))
+
+
+def _bound(job: Job, seconds: float | None) -> Bounds:
+    least, goods = least_height(job, seconds)
+    some = int(least > 0)
+    return Bounds(some, 0.0, goods.unfit, (goods.unfit, least), float(least))
+
+
+def _cost(xp: ModuleType, stock: "Stock", placed: Placed) -> Any:
+    """Height, then how high the items are on average, in heights that the volume needs: see `Cost`.
+
+    To leave something out is worse than any height.
+    """
+    real = xp.zeros(0).dtype
+    volume = stock.sizes[:, 0].astype(real).prod(1) * stock.mask
+    length, width, height = stock.bins.astype(real).max(0)
+    needed = volume.sum() / (length * width)
+    top = xp.where(placed.bin < 0, 0, placed.corner[:, 2] + placed.size[:, 2]).astype(real)
+    level = (volume * top).sum() / volume.sum()
+    missing = ((placed.bin < 0) & stock.mask).sum() / stock.mask.sum()
+    left_out = xp.where(missing > 0, 2 * height * (1 + missing), 0)
+    return STEEP * (top.max() + OF_LEVEL * level + left_out) / needed
+
+
+HEIGHT = Objective(
+    minimised="least height",
+    worth=_worth,
+    bound=_bound,
+    measure=_height,
+    cost=_cost,
+    prepared=_prepared,
+    figure="height",
+    open_bin=True,
+)

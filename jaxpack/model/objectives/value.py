@@ -1,0 +1,53 @@
+"""The greatest value of what is packed: bins hold the best subset, and the rest is left out."""
+
+from fractions import Fraction
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from jaxpack.model.bounds import Bounds, most_profit
+from jaxpack.model.figures import bins_worth, plan_profit, profit_of, volume
+from jaxpack.model.job import Job, Plan
+from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin, sum_where
+
+if TYPE_CHECKING:
+    from jaxpack.model.encoding import Stock
+
+STEEP = 8.0  # cost of all that the bins can hold: a change then costs about as much as for `bins`
+OF_BINS = 1e-4  # of the price of the bins: least, where equal values are in more of them
+
+
+def _worth(job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
+    return -plan_profit(job, plan), *bins_worth(VALUE.parts, job, plan)[1:]
+
+
+def _bound(job: Job, seconds: float | None) -> Bounds:
+    most, goods = most_profit(job)
+    least = min((volume(kind.size) for kind in goods.kinds), default=Fraction(0))
+    worth = (-most, 1, least) if most else (most, 0, 0)
+    return Bounds(0, 0.0, goods.unfit, worth, float(most))
+
+
+def _total(job: Job) -> float:
+    return float(sum(profit_of(item) * item.copies for item in job.items))
+
+
+def _cost(xp: ModuleType, stock: "Stock", placed: Placed) -> Any:
+    """1 less the share of what the bins can hold at best, by volume: see `Cost`."""
+    packed = placed.bin >= 0
+    used = sum_by_bin(xp, placed.bin, stock.mask * 1.0, len(stock.price)) > 0
+    value = sum_where(xp, packed, stock.profit)
+    return STEEP * (1 - value) + OF_BINS * sum_where(xp, used, stock.price)
+
+
+VALUE = Objective(
+    minimised="greatest value, then the fewest bins, then the least volume of bins",
+    worth=_worth,
+    bound=_bound,
+    measure=lambda job, plan: float(plan_profit(job, plan)),
+    cost=_cost,
+    figure="value",
+    total=_total,
+    maximised=True,
+    leaves_out=True,
+    obeys=("PROFIT",),
+)

@@ -1,0 +1,108 @@
+"""The README and the documentation: every block of code runs, every link leads somewhere."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+BLOCK = re.compile(r"(<!-- slow -->\n)?^```(\S*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PROJECT = ("LICENSE", "README.md", "examples", "jaxpack", "pyproject.toml", "tests")
+
+
+def blocks(page):
+    """(slow, language, text) of every block of a page."""
+    return [(bool(slow), *rest) for slow, *rest in BLOCK.findall((ROOT / page).read_text())]
+
+
+def pages_with(slow):
+    """Those with blocks to run that are slow, or that are not."""
+    return [p for p in PAGES if any(b[0] == slow and b[1] != "text" for b in blocks(p))]
+
+
+def run(folder, block, names):
+    """Runs a block as somebody would who has just come to the project."""
+    _, language, text = block
+    if language == "python":
+        exec(compile(text, "a block of Python", "exec"), names)
+    elif language == "sh":
+        here = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+        here["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        here["PYTEST_ADDOPTS"] = "tests/test_imports.py"  # where it runs tests, some
+        command = ["bash", "-euo", "pipefail", "-c", text]
+        done = subprocess.run(command, cwd=folder, env=here, capture_output=True, text=True)
+        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    for name in PROJECT:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", pages_with(slow=False))
+def test_the_blocks_of_a_page_run(page, project):
+    names: dict = {}
+    for block in blocks(page):
+        if not block[0]:
+            run(project, block, names)
+    if page == "README.md":
+        assert names["solution"].figures.bins == names["solution"].bound == 1
+        assert (project / "plan.html").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", pages_with(slow=True))
+def test_all_blocks_of_a_page_run(page, project):
+    names: dict = {}
+    for block in blocks(page):
+        run(project, block, names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+def test_a_notebook_runs(notebook, tmp_path):
+    copy = shutil.copy(notebook, tmp_path)
+    command = [sys.executable, "-m", "jupyter", "execute", copy]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
+def test_a_notebook_is_small_and_has_run_to_its_end(notebook):
+    text = notebook.read_text()
+    assert len(text) < 100_000
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert not [out for cell in cells for out in cell["outputs"] if out["output_type"] == "error"]
+
+
+@pytest.mark.parametrize("page", [*PAGES, "CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/NOTES.md"])
+def test_links_lead_to_files_and_blocks_are_code_or_text(page):
+    text = (ROOT / page).read_text()
+    for link in re.findall(r"\]\((?![a-z]+:|#)([^)#\s]+)", text):
+        assert ((ROOT / page).parent / link).is_file(), link
+    assert {language for _, language, _ in blocks(page)} <= {"sh", "python", "text"}
+    assert len(re.findall("^ *```", text, re.MULTILINE)) == 2 * len(blocks(page))
+
+
+def test_the_readme_is_short_and_its_commands_are_those_that_others_rely_on():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.encode()) <= 10_000
+    install = "python3 -m venv .venv && .venv/bin/pip install -e "
+    train, tests = (
+        next(part for _, _, part in blocks("README.md") if part.startswith(start))
+        for start in (f"{install}. && .venv/bin/python -m jaxpack.train\n", f"{install}'.[test]'")
+    )
+    assert train.count("\n") == tests.count("\n") == 1
+    assert tests in (ROOT / ".ci" / "run").read_text()
