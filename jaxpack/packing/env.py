@@ -81,7 +81,7 @@ def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
     """The state before the first choice.
 
     Args:
-        problem: the rules, static.
+        view: what a bin is, static: `Table(problem)` of cells.
         instance: leaves with a trailing batch: size [N, 3, B], mask [N, B], bin [3, B],
             turned [N, O, 3, B] or None.
         kinds: at least the number of distinct sizes in an instance (with their orientations);
@@ -127,7 +127,12 @@ def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
 
 
 def observe(view: View, state: State) -> Choices:
-    """Every choice, with the position that the rule gives it and what it would touch there."""
+    """Every choice, with the position that the rule gives it and what it would touch there.
+
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+    """
     kinds = state.kinds
     candidates = view.look(state.inside, kinds.bin, kinds.sides)
     allowed = candidates.fits & (state.remaining > 0)
@@ -135,9 +140,13 @@ def observe(view: View, state: State) -> Choices:
 
 
 def positions(view: View, state: State, kind: Array, orientation: Array) -> Places:
-    """All positions for an item of a kind (int32 [B]) in an orientation (int32 [B]).
+    """All positions for one item: those that are allowed, and how high it would come to rest.
 
-    Each may be given to `step`, which looks for x and y alone.
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+        kind: int32 [B], see `Kinds.kind`.
+        orientation: int32 [B].
     """
     _, size = _row(state.kinds, Choice(kind, orientation))
     return view.places(state.inside, state.kinds.bin, size)
@@ -147,6 +156,11 @@ def step(view: View, state: State, choice: Choice) -> State:
     """Places one item, and opens a new bin where nothing that remains fits the current one.
 
     Nothing is placed where none of the kind remains, or it is not allowed where it should stand.
+
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+        choice: one of those that `observe` allows, or at one of the `positions`.
     """
     kinds = state.kinds
     row, size = _row(kinds, choice)

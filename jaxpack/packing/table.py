@@ -41,7 +41,7 @@ class Cells(NamedTuple):
 class Table:
     """The view of bins in cells, whose rule is the paper's: see `jaxpack.packing.view`."""
 
-    problem: Problem
+    problem: Problem  # the rules
     lanes = 64  # what a network holds of them stays in a core's cache
 
     @property
