@@ -21,7 +21,6 @@ from jax import Array
 from benchmarks.native import pack_native
 from benchmarks.timing import report, seconds
 from jaxpack import Instance, Problem, pack, preset, sample
-from jaxpack.learning.policies import sample_orders
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import init_state, train_updates
 from jaxpack.methods import MethodOptions, make_method
@@ -179,7 +178,7 @@ def _searches(native: dict[str, float]) -> Iterator[Run]:
         params = init_state(recipe, jax.random.key(0)).params
         problem, instances, _ = _drawn(name, DRAWN)
         keys = jax.random.split(jax.random.key(1), DRAWN)
-        choose = partial(sample_orders, problem, recipe.policy, kinds=recipe.kinds)
+        choose = partial(recipe.policy.orders, problem, kinds=recipe.kinds)
         inputs = (params, instances, keys)
         flops = matrix_flops(choose, *inputs)
         yield Run(f"drawing, {name}", DRAWN, "orders", DRAWN, choose, inputs, flops=flops)

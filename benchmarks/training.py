@@ -11,7 +11,6 @@ import jax.numpy as jnp
 
 from benchmarks.timing import compiled, report, seconds
 from jaxpack import pack, preset
-from jaxpack.learning.policies import sample_orders
 from jaxpack.learning.trainer import init_state, train_updates, training_instances
 
 PRESETS = ("paper-2d", "paper-3d", "bin-aware-2d", "bin-aware-3d")
@@ -25,9 +24,9 @@ def main(repeats: int = 5) -> None:
         drawn = training_instances(recipe, state.key, jnp.arange(recipe.batch))
         instances = jax.tree.map(lambda leaf, s=recipe.samples: jnp.repeat(leaf, s, 0), drawn)
         keys = jax.random.split(jax.random.key(1), recipe.batch * recipe.samples)
-        choose = partial(sample_orders, recipe.problem, recipe.policy, kinds=recipe.kinds)
+        choose = partial(recipe.policy.orders, recipe.problem, kinds=recipe.kinds)
         decode, _ = compiled(choose, state.params, instances, keys)
-        orders = decode(state.params, instances, keys)
+        orders = decode(state.params, instances, keys).order
         place, _ = compiled(jax.vmap(partial(pack, recipe.problem)), instances, orders)
         update, compile_seconds = compiled(partial(train_updates, recipe, updates=1), state)
         took = seconds(

@@ -22,20 +22,16 @@ from tyro.conf import Positional
 from jaxpack import Cell, Comparison, pack, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
-from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.trainer import init_state, train_chunk
 from jaxpack.model.objectives import bins_used, compactness, pyramid
 
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
     "as the preset": ({}, {}),
-    "sizes only, the bin as a histogram": (
-        {"placement": False, "surroundings": False, "stock": False},
-        {},
-    ),
-    "no look under and beside": ({"surroundings": False}, {}),
-    "blind to what fills a gap exactly": ({"stock": False}, {}),
-    "sees what fills a gap exactly": ({"stock": True}, {}),
+    "sizes only, the bin as a histogram": ({"sees": "sizes"}, {}),
+    "no look under and beside": ({"sees": "stock"}, {}),
+    "blind to what fills a gap exactly": ({"sees": "surroundings"}, {}),
+    "sees what fills a gap exactly": ({"sees": "all"}, {}),
     "no pooling": ({"pooling": False}, {}),
     "attention, 4 heads": ({"attention": 4}, {}),
     "width 32": ({"hidden": 32}, {}),
@@ -47,10 +43,13 @@ VARIANTS: dict[str, tuple[dict, dict]] = {
     "no clipping": ({}, {"clip": 0.0}),
     "4 samples of twice the instances": ({}, {"samples": 4, "batch": 128}),
     "16 samples of half the instances": ({}, {"samples": 16, "batch": 32}),
-    "credit by bin": ({}, {"credit": "bin"}),
-    "credit by order": ({}, {"credit": "order"}),
-    "self-labelling": ({}, {"learner": "self-label", "credit": "order"}),
-    "objective R": ({}, {"objective": "paper", "alpha": 0.5, "beta": 0.5, "credit": "order"}),
+    "credit by bin": ({}, {"learner": "leave-one-out-by-bin"}),
+    "credit by order": ({}, {"learner": "leave-one-out"}),
+    "self-labelling": ({}, {"learner": "self-label"}),
+    "objective R": (
+        {},
+        {"objective": "paper", "alpha": 0.5, "beta": 0.5, "learner": "leave-one-out"},
+    ),
 }
 
 
@@ -72,9 +71,8 @@ def greedy_figures(recipe, params) -> dict[str, float]:
     comparison = Comparison(recipe.problem)
     cell = Cell(recipe.problem.bin, recipe.distribution)
     instances, _ = make_instances(comparison, cell, recipe.distribution.items)
-    orders = jax.jit(partial(greedy_orders, recipe.problem, recipe.policy, kinds=recipe.kinds))(
-        params, instances
-    )
+    choose = partial(recipe.policy.orders, recipe.problem, kinds=recipe.kinds)
+    orders = jax.jit(choose)(params, instances).order
     packings = jax.jit(jax.vmap(partial(pack, recipe.problem)))(instances, orders)
     return {
         "compactness": float(jax.vmap(compactness)(instances, packings).mean()),

@@ -18,7 +18,7 @@ from jaxpack import Cell, Comparison, MethodOptions, Policy, compare, make_metho
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import Row
 from jaxpack.io.atomic import replace_file
-from jaxpack.learning.parameters import PointerConfig
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.trainer import init_state, train_updates
 
 SCALES = (1.0, 4.0, 10.0)

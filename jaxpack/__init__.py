@@ -17,15 +17,12 @@ __all__ = sorted(_HOMES)
 # Public until 0.1; here for one release more.
 _MOVED = {
     "jaxpack.comparison": "Row",
-    "jaxpack.learning.beam": "beam_orders",
-    "jaxpack.learning.bin_network": "BinAwareConfig",
-    "jaxpack.learning.parameters": "PointerConfig",
-    "jaxpack.learning.pointer": (
+    "jaxpack.learning.bin_aware": "BinAwareConfig",
+    "jaxpack.learning.pointer": "PointerConfig",
+    "jaxpack.learning.pointer_network": (
         "Rollout apply_value greedy_order init_pointer sample_order score_order"
     ),
-    "jaxpack.learning.policies": "greedy_orders init_policy sample_orders",
     "jaxpack.learning.presets": "PRESETS",
-    "jaxpack.learning.rollout": "choose_orders",
     "jaxpack.learning.trainer": "TrainState init_state train_step",
     "jaxpack.methods": "Method",
     "jaxpack.model.instances": "uniform_instance",
@@ -34,7 +31,7 @@ _MOVED = {
     ),
     "jaxpack.model.packing_check": "InvalidPackingError violations",
     "jaxpack.model.problem": "in_orientation",
-    "jaxpack.packing.env": "BinState Candidates Kinds order_of orientations_of",
+    "jaxpack.packing.env": "Kinds",
     "jaxpack.search.bin_by_bin": "bin_by_bin orders_found",
     "jaxpack.search.brkga": "BrkgaConfig brkga genetic",
     "jaxpack.search.evolved": "evolved",

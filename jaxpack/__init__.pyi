@@ -28,10 +28,13 @@ from jaxpack.model.problem import Instance as Instance
 from jaxpack.model.problem import Packing as Packing
 from jaxpack.model.problem import Problem as Problem
 from jaxpack.model.problem import make_instance as make_instance
-from jaxpack.packing.env import candidates as candidates
+from jaxpack.packing.env import Choice as Choice
+from jaxpack.packing.env import observe as observe
+from jaxpack.packing.env import positions as positions
 from jaxpack.packing.env import reset as reset
 from jaxpack.packing.env import step as step
 from jaxpack.packing.first_fit import pack as pack
+from jaxpack.packing.table import Table as Table
 from jaxpack.solution import Solution as Solution
 from jaxpack.solution import solve as solve
 from jaxpack.xla.devices import use_all_cores as use_all_cores

@@ -138,7 +138,7 @@ def main(argv: Sequence[str]) -> None:
         brkga=BrkgaConfig(options.brkga_population, options.brkga_generations),
         brkga_seeded=not options.brkga_unseeded,
         policy=policy,
-        bin_aware=options.preset if options.preset.startswith("bin-aware") else None,
+        shipped=options.preset,
         kinds=max(cell.distribution.kinds(problem) for cell in cells),
         width=options.search_width,
         draws=options.search_draws,

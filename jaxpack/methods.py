@@ -11,9 +11,7 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.io.weights import load_policy
-from jaxpack.learning.beam import beam_orders
-from jaxpack.learning.bin_network import BinAwareConfig
-from jaxpack.learning.policies import greedy_orders, sample_orders
+from jaxpack.learning.networks import NETWORKS
 from jaxpack.learning.recipe import OBJECTIVES, Policy
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
@@ -27,11 +25,13 @@ Orders = Callable[[Array, Instance], Array]
 """(typed PRNG keys [B], instances [B, ...]) -> orders int32 [B, N]. Pure; jit it."""
 
 SORTS = {"volume": volume_order, "footprint": footprint_order, "height": height_order}
-NAMES = (
-    "random", *SORTS, "best-of-N", "brkga", "pointer", "bin-aware", "bin-aware-best-of-N",
-    "bin-aware-beam-N", "bin-aware-search", "brkga-seeded",
-)  # fmt: skip
-SEARCHES = ("brkga", "brkga-seeded", "bin-aware-search")  # no count: a time limit may end them
+SEARCHES = (
+    "brkga",
+    "brkga-seeded",
+    *(f"{name}-search" for name, network in NETWORKS.items() if "search" in network.searches),
+)
+"""They have no count in their names: a time limit may end them."""
+SEEDING = "bin-aware"  # the policy of brkga-seeded
 SEED_SAMPLES = 16  # of the policy's orders for brkga-seeded, and a quarter of it, at most
 
 
@@ -42,8 +42,8 @@ class MethodOptions:
     objective: str = "bins"  # of everything that searches: bins first, or the paper's R
     brkga: BrkgaConfig = BrkgaConfig()  # of brkga and brkga-seeded
     brkga_seeded: bool = True  # start brkga from the sorts
-    policy: Policy | None = None  # of pointer or of bin-aware; the shipped ones where it is not
-    bin_aware: str | None = None  # the shipped one's name, else that of the problem's dimension
+    policy: Policy | None = None  # of the methods that begin with its network's name
+    shipped: str = ""  # the one to load for them if none is given, else that of the dimension
     kinds: int | None = None  # K, at least the distinct sizes in an instance, if it is known
     width: int = 8  # partial packings that bin-aware-search keeps
     draws: int = 8  # orders that it draws for each of them and bin
@@ -65,8 +65,8 @@ def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
     """The method with this name.
 
     Args:
-        name: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
-            bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search or brkga-seeded.
+        name: random, volume, footprint, height, best-of-N, brkga, brkga-seeded, and of every
+            network its name and what it `searches`, such as bin-aware-best-of-N.
         problem: the rules that it packs by.
         options: what a method that searches or learns needs to know.
 
@@ -78,84 +78,85 @@ def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
         UserError: where there is none, naming those there are; or the policy given is of another
             kind or for another dimension.
     """
+    number = re.search(r"(?<=-)[1-9]\d{0,6}$", name)
+    pattern, count = (name[: number.start()] + "N", int(number[0])) if number else (name, 0)
+    learned = {
+        f"{network}-{how}".strip("-"): (network, how)
+        for network, policy in NETWORKS.items()
+        for how in ("", *policy.searches)
+    }
+    if pattern in learned and pattern.endswith("-N") == (count > 0):
+        return _learned(*learned[pattern], count, problem, options)
     objective = OBJECTIVES[options.objective]
+    if pattern == "best-of-N" and count:
+        return _best_of(problem, jax.vmap(random_order), count, objective)
     if name == "random":
         return Method(jax.vmap(random_order))
     if name in SORTS:
         return Method(lambda keys, instances: jax.vmap(SORTS[name])(instances))
-    if match := re.fullmatch(r"best-of-([1-9]\d{0,6})", name):
-        return _best_of(problem, jax.vmap(random_order), int(match[1]), objective)
     if name == "brkga":
         return _searching(options, _brkga(problem, options), options.brkga.generations)
-    if name == "pointer":
-        return Method(_greedy(problem, _policy("pointer", problem, options), options))
-    if name.startswith("bin-aware") or name == "brkga-seeded":
-        return _bin_aware(name, problem, options, objective)
-    raise UserError(_unknown(name))
-
-
-def _unknown(name: str) -> str:
-    return f"unknown method '{name}': choose from {', '.join(NAMES)} (N a whole number)"
-
-
-def _bin_aware(name: str, problem: Problem, options: MethodOptions, objective: Objective) -> Method:
-    policy = _policy("bin-aware", problem, options)
-    greedy = _greedy(problem, policy, options)
-    network = policy.config.policy
-    assert isinstance(network, BinAwareConfig)
-
-    def draw(keys: Array, instances: Instance) -> Array:
-        return sample_orders(
-            problem, network, policy.params, instances, keys, options.kinds, network.temperature
-        )
-
-    if name == "bin-aware":
-        return Method(greedy)
-    if match := re.fullmatch(r"bin-aware-best-of-([1-9]\d{0,6})", name):
-        return _best_of(problem, draw, int(match[1]), objective)
-    if match := re.fullmatch(r"bin-aware-beam-([1-9]\d{0,3})", name):
-        return Method(partial(_beam, problem, policy, options, int(match[1]), objective))
     if name == "brkga-seeded":
-
-        def seeds(keys: Array, instances: Instance) -> Array:
-            return _stacked(greedy, draw, keys, instances, options.brkga.population)
-
+        greedy, draw = _policy_orders(problem, _policy(SEEDING, problem, options), options)
+        seeds = partial(_stacked, greedy, draw, options.brkga.population)
         search = genetic(problem, options.brkga, objective, seeds)
         return _searching(options, search, options.brkga.generations)
-    if name == "bin-aware-search":
+    names = ("random", *SORTS, "best-of-N", "brkga", *learned, "brkga-seeded")
+    raise UserError(f"unknown method '{name}': choose from {', '.join(names)} (N a whole number)")
+
+
+def _learned(
+    network: str, how: str, count: int, problem: Problem, options: MethodOptions
+) -> Method:
+    """What the policy decides, or a search among it: `how` is one of `Network.searches`."""
+    policy, objective = _policy(network, problem, options), OBJECTIVES[options.objective]
+    greedy, draw = _policy_orders(problem, policy, options)
+    if how == "best-of-N":
+        return _best_of(problem, draw, count, objective)
+    if how == "beam-N":
+        return Method(partial(_beam, problem, policy, options, count, objective))
+    if how == "search":
         search = bin_by_bin(problem, greedy, draw, objective, options.width, options.draws)
         if options.breeding:
             breeding = _brkga(problem, options)
             search = evolved(problem, search, orders_found, breeding, objective, options.breeding)
         return _searching(options, search, options.rounds)
-    raise UserError(_unknown(name))
+    return Method(greedy)
 
 
-def _policy(kind: str, problem: Problem, options: MethodOptions) -> Policy:
+def _policy(network: str, problem: Problem, options: MethodOptions) -> Policy:
     """The given policy, or the shipped one for the problem's dimension.
 
     Raises:
         UserError: where it is of another kind or for another dimension.
     """
     dimension = len(problem.axes)
-    shipped = options.bin_aware if kind == "bin-aware" else None
-    policy = options.policy or load_policy(shipped or f"{kind}-{dimension}d")
-    theirs = "bin-aware" if isinstance(policy.config.policy, BinAwareConfig) else "pointer"
-    if theirs != kind:
-        raise UserError(f"method '{kind}': the policy given is of kind {theirs}, name another run")
+    shipped = options.shipped if options.shipped.startswith(network) else ""
+    policy = options.policy or load_policy(shipped or f"{network}-{dimension}d")
+    theirs = policy.config.policy.name
+    if theirs != network:
+        raise UserError(
+            f"method '{network}': the policy given is of kind {theirs}, name another run"
+        )
     if len(policy.config.problem.axes) != dimension:
         raise UserError(
-            f"method '{kind}': the policy given is for {len(policy.config.problem.axes)}D, the "
+            f"method '{network}': the policy given is for {len(policy.config.problem.axes)}D, the "
             f"problem is {dimension}D; name another run"
         )
     return policy
 
 
-def _greedy(problem: Problem, policy: Policy, options: MethodOptions) -> Orders:
-    def orders(keys: Array, instances: Instance) -> Array:
-        return greedy_orders(problem, policy.config.policy, policy.params, instances, options.kinds)
+def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> tuple[Orders, Draw]:
+    """Its greedy orders and its samples. What is evaluated is not turned: orders are enough."""
+    orders = partial(policy.config.policy.orders, problem, policy.params, kinds=options.kinds)
 
-    return orders
+    def greedy(keys: Array, instances: Instance) -> Array:
+        return orders(instances).order
+
+    def draw(keys: Array, instances: Instance) -> Array:
+        return orders(instances, keys).order
+
+    return greedy, draw
 
 
 def _best_of(problem: Problem, draw: Draw, samples: int, objective: Objective) -> Method:
@@ -174,8 +175,7 @@ def _beam(
     instances: Instance,
 ) -> Array:
     network = policy.config.policy
-    assert isinstance(network, BinAwareConfig)
-    beams = beam_orders(problem, network, policy.params, instances, width, options.kinds)
+    beams = network.beams(problem, policy.params, instances, width, options.kinds).order
 
     def best(instance: Instance, orders: Array) -> Array:
         repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), instance)
@@ -194,7 +194,7 @@ def _brkga(problem: Problem, options: MethodOptions) -> Search:
 
 
 def _stacked(
-    greedy: Orders, draw: Draw, keys: Array, instances: Instance, population: int
+    greedy: Orders, draw: Draw, population: int, keys: Array, instances: Instance
 ) -> Array:
     """The policy's greedy order and its samples: int32 [B, K, N]."""
     samples = min(SEED_SAMPLES, population // 4)

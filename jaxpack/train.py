@@ -29,7 +29,6 @@ from jaxpack.io.runs import (
     read_run,
     starting_params,
 )
-from jaxpack.learning.bin_network import BinAwareConfig
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import MethodOptions, make_method
@@ -87,9 +86,7 @@ class TrainOptions:
     objective: str | None = None
     """What is minimised: bins (bins, then C, then P) or paper (R)."""
     learner: str | None = None
-    """Baseline: critic or leave-one-out; or self-label, to imitate the best sample."""
-    credit: str | None = None
-    """What a choice answers for: order (all of it), or bin (its own bin and later ones)."""
+    """critic, leave-one-out, leave-one-out-by-bin, or self-label: imitate the best sample."""
     samples: int | None = None
     """Orders drawn per instance."""
     entropy: float | None = None
@@ -128,7 +125,6 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
         "schedule",
         "objective",
         "learner",
-        "credit",
         "samples",
         "entropy",
         "clip",
@@ -237,9 +233,8 @@ def finish(run: Path, config: RunConfig, policy: Policy, console: Console) -> No
     cell = Cell(problem.bin, config.train.distribution)
     kinds = cell.distribution.kinds(problem)
     options = MethodOptions(policy=policy, kinds=kinds)
-    trained: tuple[str, ...] = ("pointer",)
-    if isinstance(config.train.policy, BinAwareConfig):
-        trained = ("bin-aware", "bin-aware-best-of-16")
+    network = config.train.policy
+    trained = (network.name, *(f"{network.name}-best-of-16",) * ("best-of-N" in network.searches))
     rows: list[Row] = []
     for name in (*FINAL_METHODS, *trained):
         rows += compare(comparison, name, make_method(name, problem, options), [cell])

@@ -23,13 +23,13 @@ from jaxpack.io.runs import (
     starting_params,
 )
 from jaxpack.learning.parameters import Params
-from jaxpack.learning.policies import greedy_orders
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import (
     train_chunk,
     validation_set,
 )
 from jaxpack.model.metrics import bins_used, compactness, pyramid
+from jaxpack.model.problem import in_orientation
 from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
 
@@ -131,7 +131,8 @@ def _validation_means(
 
     def judge(params: Params, key: Array, rows: Array) -> dict[str, Array]:
         instances = validation_set(config, key, jnp.minimum(rows, config.valid_instances - 1))
-        orders = greedy_orders(config.problem, config.policy, params, instances, config.kinds)
+        orders, turns = config.policy.orders(config.problem, params, instances, kinds=config.kinds)
+        instances = jax.vmap(in_orientation)(instances, turns)
         packing = jax.vmap(partial(pack, config.problem))(instances, orders)
         return {
             "cost": jax.vmap(config.cost)(instances, packing),

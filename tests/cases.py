@@ -5,7 +5,7 @@ from functools import cache
 import jax
 import numpy as np
 
-from jaxpack.learning.parameters import PointerConfig
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.instances import Distribution
 from jaxpack.model.problem import Instance, Problem

@@ -11,25 +11,16 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack import Distribution, Problem, TrainConfig, UserError
-from jaxpack.learning.beam import beam_orders
-from jaxpack.learning.bin_network import BinAwareConfig, init_network, look, scores
-from jaxpack.learning.gradients import policy_gradient
-from jaxpack.learning.policies import greedy_orders, sample_orders
+from jaxpack.learning.bin_aware import BinAwareConfig
+from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
-from jaxpack.learning.rollout import choose_orders
+from jaxpack.learning.trainer import policy_gradient
 from jaxpack.model.instances import sample
 from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
-from jaxpack.packing.candidates import footprints, rests, surroundings
-from jaxpack.packing.env import (
-    candidates,
-    compact,
-    order_of,
-    orientations_of,
-    reset,
-    step,
-)
+from jaxpack.packing.env import compact, decisions_of, observe, reset, step
 from jaxpack.packing.height_map import empty_map, lowest, rest
+from jaxpack.packing.table import Table, footprints, rests, surroundings
 
 PROBLEMS = {
     "2d": replace(PAPER_2D, largest=None),
@@ -45,25 +36,30 @@ def batch_last(instances):
 
 @cache
 def random_play(problem, items, kinds):
-    """Plays uniformly among what fits: (kinds, all states, all candidates, chosen labels)."""
+    """Plays uniformly among what is allowed: (all states, all choices, chosen kinds, their corners
+    and orientations).
+    """
+    view = Table(problem)
 
     def play(key, instances):
-        fixed, state = reset(problem, batch_last(instances), kinds)
-
         def turn(state, key):
-            state, choices = candidates(problem, fixed, state)
-            noise = jax.random.uniform(key, choices.fits.shape)
-            kind = jnp.argmax(jnp.where(choices.fits, noise, -1), 0).astype(jnp.int32)
-            columns = (fixed.label, fixed.orientation, *choices.corner)
-            label, turned, *corner = (jnp.take_along_axis(c, kind[None], 0)[0] for c in columns)
-            label = jnp.where(choices.fits.any(0), label, items)
-            seen = (state, choices, label, jnp.stack(corner), state.opened, turned)
-            return step(problem, fixed, state, choices, kind), seen
+            choices = observe(view, state)
+            noise = jax.random.uniform(key, choices.allowed.shape)
+            row = jnp.argmax(jnp.where(choices.allowed, noise, -1), 0).astype(jnp.int32)
+            choice = state.kinds.choice(row)
+            corner = [jnp.take_along_axis(c, row[None], 0)[0] for c in choices.candidates.corner]
+            kind = jnp.where(choices.allowed.any(0), choice.kind, items)
+            seen = (state, choices, kind, jnp.stack(corner), choice.orientation)
+            return step(view, state, choice), seen
 
-        _, seen = jax.lax.scan(turn, state, jax.random.split(key, items))
-        return fixed, *seen
+        start = reset(view, batch_last(instances), kinds)
+        return jax.lax.scan(turn, start, jax.random.split(key, items))[1]
 
     return jax.jit(play)
+
+
+def first_of(many):
+    return jax.tree.map(lambda leaf: leaf[0], many)
 
 
 def may_turn(problem, instances):
@@ -82,12 +78,11 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
     instances, _ = random_cases(problem, 7, count, items)
     if turns:
         instances = may_turn(problem, instances)
-    fixed, _, _, label, corner, opened, way = random_play(problem, items, None)(
-        jax.random.key(1), instances
-    )
-    orders = np.asarray(order_of(fixed, label)).T
+    states, _, label, corner, way = random_play(problem, items, None)(jax.random.key(1), instances)
+    opened = states.opened
+    orders, chosen = decisions_of(first_of(states.kinds), label, way)
+    orders = np.asarray(orders)
     assert (np.sort(orders, 1) == np.arange(items)).all()
-    chosen = orientations_of(fixed, label, way).T
     if turns:
         turning = np.asarray(chosen)[:, 1::2][np.asarray(instances.mask)[:, 1::2]]
         assert 0.2 < (turning > 0).mean() < 0.8
@@ -116,19 +111,18 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
 def test_the_candidate_table_equals_the_kernel_kind_by_kind(name):
     problem, items, count = PROBLEMS[name], 10, 200
     instances, _ = random_cases(problem, 8, count, items)
-    fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(2), instances)
-    sides = [jnp.broadcast_to(side, (items, items, count)) for side in fixed.sides]
+    states, choices, *_ = random_play(problem, items, None)(jax.random.key(2), instances)
+    fixed, sides = first_of(states.kinds), states.kinds.sides
     needed = problem.cells_needed(sides[0].astype(jnp.int32) * sides[1]).astype(sides[0].dtype)
-    heights = jnp.moveaxis(states.heights, 0, 2)[:, :, :, None]  # [L', W', steps, 1, count]
+    heights = jnp.moveaxis(states.inside.heights, 0, 2)[:, :, :, None]  # [L', W', steps, 1, count]
     ceiling = fixed.bin[2].astype(sides[0].dtype)
     corner, fits = lowest(problem, rest(problem, heights, tuple(sides), needed, ceiling))
     present = np.asarray(states.remaining > 0)
-    np.testing.assert_array_equal(choices.fits, np.asarray(fits) & present)
-    assert 0.2 < np.asarray(choices.fits)[present].mean() < 0.98
-    for ours, theirs in zip(choices.corner, corner, strict=True):
-        np.testing.assert_array_equal(
-            np.asarray(ours)[choices.fits], np.asarray(theirs)[choices.fits]
-        )
+    allowed = np.asarray(choices.allowed)
+    np.testing.assert_array_equal(allowed, np.asarray(fits) & present)
+    assert 0.2 < allowed[present].mean() < 0.98
+    for ours, theirs in zip(choices.candidates.corner, corner, strict=True):
+        np.testing.assert_array_equal(np.asarray(ours)[allowed], np.asarray(theirs)[allowed])
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -177,18 +171,17 @@ def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
 @pytest.mark.parametrize("attention", [0, 2])
 def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
     problem, items = PROBLEMS["3d"], 10
-    config = replace(NETWORK, attention=attention, stock=attention > 0)
-    params = init_network(config, jax.random.key(0))
+    config = replace(NETWORK, attention=attention, sees="all" if attention else "surroundings")
+    params = init_network(config, problem, jax.random.key(0))
     params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
     instances, _ = random_cases(problem, 9, 50, items)
-    fixed, states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
+    states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
 
     def log_probs(state):
-        *_, sight = look(problem, config, fixed, state)
-        return scores(config, params, sight)
+        return scores(config, params, look(config, Table(problem), state))
 
     found = np.asarray(jax.jit(jax.vmap(log_probs))(states))  # [steps, K, B]
-    fits = np.asarray(choices.fits)
+    fits = np.asarray(choices.allowed)
     probability = np.where(fits, np.exp(found), 0).sum(1)
     np.testing.assert_allclose(probability[fits.any(1)], 1, rtol=1e-5)
     assert (found[~fits] < -1e8).all()
@@ -198,12 +191,12 @@ def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
 
 def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
     problem, items = PROBLEMS["2d"], 12
-    params = init_network(NETWORK, jax.random.key(0))
+    params = init_network(NETWORK, problem, jax.random.key(0))
     instances, _ = random_cases(problem, 10, 70, items, oversize=0)
     keys = jax.random.split(jax.random.key(4), 70)
     instances = jax.tree.map(jnp.asarray, instances)
     for kinds in (None, items):
-        orders = np.asarray(sample_orders(problem, NETWORK, params, instances, keys, kinds))
+        orders = np.asarray(NETWORK.orders(problem, params, instances, keys, kinds).order)
         assert (np.sort(orders, 1) == np.arange(items)).all()
         placed = np.take_along_axis(np.asarray(instances.mask), orders, 1)
         assert (placed[:, :-1] >= placed[:, 1:]).all()
@@ -211,13 +204,13 @@ def test_sampled_orders_never_hold_what_is_masked_before_what_is_not():
 
 def test_the_policy_turns_items_as_it_saw_them():
     problem, items = PROBLEMS["3d"], 12
-    params = init_network(NETWORK, jax.random.key(0))
+    params = init_network(NETWORK, problem, jax.random.key(0))
     params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
     instances, _ = random_cases(problem, 11, 64, items, oversize=0)
     keys = jax.random.split(jax.random.key(5), 64)
     fixed = jax.tree.map(jnp.asarray, instances)
     turned = may_turn(problem, fixed)
-    orders, ways = jax.jit(partial(choose_orders, problem, NETWORK))(params, turned, keys)
+    orders, ways = jax.jit(partial(NETWORK.orders, problem))(params, turned, keys)
     assert (np.sort(orders, 1) == np.arange(items)).all()
     assert not np.asarray(ways)[:, ::2].any()
     assert 0.2 < (np.asarray(ways)[:, 1::2] > 0).mean() < 0.9
@@ -228,22 +221,23 @@ def test_the_policy_turns_items_as_it_saw_them():
 def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
     problem, items = PROBLEMS["2d"], 16
     instances = sample(problem, Distribution(items, 1, 3), jax.random.key(5), 64)
-    fixed, state = reset(problem, batch_last(instances), 9)  # 3 x 3 sizes
+    view = Table(problem)
+    state = reset(view, batch_last(instances), 9)  # 3 x 3 sizes
     assert (state.remaining.sum(0) == items).all()
 
     @jax.jit
     def turn(state):
-        state, choices = candidates(problem, fixed, state)
-        return step(problem, fixed, state, choices, jnp.argmax(choices.fits, 0).astype(jnp.int32))
+        first = jnp.argmax(observe(view, state).allowed, 0).astype(jnp.int32)
+        return step(view, state, state.kinds.choice(first))
 
     for _ in range(8):
         state = turn(state)
-    smaller, kept = compact(fixed, state, 8)
+    kept = compact(state, 8)
     assert kept.remaining.shape[0] == 8
-    sizes = jnp.stack(fixed.sides)
+    sizes = jnp.stack(state.kinds.sides)
     np.testing.assert_array_equal(
-        jnp.take_along_axis(sizes, smaller.label[None], 1)[:, kept.remaining > 0],
-        jnp.stack(smaller.sides)[:, kept.remaining > 0],
+        jnp.take_along_axis(sizes, kept.kinds.kind[None], 1)[:, kept.remaining > 0],
+        jnp.stack(kept.kinds.sides)[:, kept.remaining > 0],
     )
     assert (kept.remaining.sum(0) == state.remaining.sum(0)).all()
 
@@ -263,11 +257,11 @@ TINY = TrainConfig(
 )
 
 
-@pytest.mark.parametrize("credit", ["order", "bin"])
-def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
-    config = replace(TINY, credit=credit, beta=0.0)
+@pytest.mark.parametrize("learner", ["leave-one-out", "leave-one-out-by-bin"])
+def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner):
+    config = replace(TINY, learner=learner, beta=0.0)
     problem, network = config.problem, config.policy
-    params = init_network(network, jax.random.key(1))
+    params = init_network(network, problem, jax.random.key(1))
     params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
     one = Instance(
         jnp.asarray([[3, 1, 2], [2, 1, 3], [1, 1, 2]]), jnp.ones(3, bool), jnp.asarray([4, 1, 4])
@@ -277,14 +271,15 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(credit):
 
     def probability(params, order):
         """Of a whole order, choice by choice: zero where a choice does not fit."""
-        fixed, state = reset(problem, jax.tree.map(lambda leaf: leaf[..., None], one))
+        view = Table(problem)
+        state = reset(view, jax.tree.map(lambda leaf: leaf[..., None], one))
         total = jnp.float32(1)
         for item in order:
-            state, choices, sight = look(problem, network, fixed, state)
-            kind = jnp.argmax(fixed.items[:, 0] == item)  # three kinds, an item each
+            sight = look(network, view, state)
+            kind = jnp.argmax(state.kinds.items[:, 0] == item)  # three kinds, an item each
             found = scores(network, params, sight)
-            total *= jnp.where(choices.fits[kind, 0], jnp.exp(found[kind, 0]), 0)
-            state = step(problem, fixed, state, choices, kind[None].astype(jnp.int32))
+            total *= jnp.where(sight.fits[kind, 0], jnp.exp(found[kind, 0]), 0)
+            state = step(view, state, state.kinds.choice(kind[None].astype(jnp.int32)))
         return total
 
     repeated = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(orders)), one)
@@ -337,12 +332,15 @@ def test_a_few_updates_lower_the_cost(learner):
 def test_recipes_that_do_not_go_together_are_refused():
     for change, message in (
         ({"samples": 1}, "give samples 2 or more"),
-        ({"learner": "critic"}, "has none, use leave-one-out"),
-        ({"learner": "luck"}, "choose critic or leave-one-out or self-label"),
+        ({"learner": "critic"}, "choose leave-one-out or leave-one-out-by-bin or self-label"),
+        ({"learner": "luck"}, "those that the bin-aware network has for objective bins"),
         ({"schedule": "steps"}, "choose constant or cosine"),
         ({"objective": "speed"}, "choose paper or bins"),
         ({"entropy": -1.0}, "give 0 or more"),
-        ({"credit": "bin", "objective": "paper"}, "credit 'bin': it goes with"),
+        (
+            {"learner": "leave-one-out-by-bin", "objective": "paper"},
+            "choose leave-one-out or self-label, those that the bin-aware network has",
+        ),
     ):
         with pytest.raises(UserError, match=message):
             replace(TINY, **change)
@@ -351,18 +349,16 @@ def test_recipes_that_do_not_go_together_are_refused():
 @cache
 def beams(width):
     problem = PAPER_3D
-    params = init_network(NETWORK, jax.random.key(6))
+    params = init_network(NETWORK, problem, jax.random.key(6))
     params["score"] = jax.random.normal(jax.random.key(7), params["score"].shape)
     instances = sample(problem, Distribution(20, 2, 5), jax.random.key(8), 12)
-    orders = jax.jit(partial(beam_orders, problem, NETWORK, width=width, kinds=20))(
-        params, instances
-    )
-    return problem, params, instances, np.asarray(orders)
+    beams = jax.jit(partial(NETWORK.beams, problem, width=width, kinds=20))(params, instances)
+    return problem, params, instances, np.asarray(beams.order)
 
 
 def test_a_beam_of_width_one_is_greedy():
     problem, params, instances, orders = beams(1)
-    greedy = greedy_orders(problem, NETWORK, params, instances)
+    greedy = NETWORK.orders(problem, params, instances).order
     np.testing.assert_array_equal(orders[:, 0], greedy)
 
 

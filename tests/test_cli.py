@@ -159,9 +159,15 @@ BAD = [
     ("evaluate --methods height --time-limit 1", "--time-limit: none of the methods takes one"),
     ("evaluate --methods bin-aware-search --search-width 0", "--search-width 0: give more than 0"),
     ("train --samples 1", "learner 'leave-one-out' compares samples: give samples 2 or more"),
-    ("train --learner luck", "learner 'luck': choose critic or leave-one-out or self-label"),
+    (
+        "train --learner luck",
+        "learner 'luck': choose leave-one-out or leave-one-out-by-bin or self-label",
+    ),
     ("train --entropy=-1", "entropy -1.0: give 0 or more"),
-    ("train paper-2d --learner self-label --samples 4", "only the bin-aware policy has it"),
+    (
+        "train paper-2d --learner self-label --samples 4",
+        "choose critic or leave-one-out, those that",
+    ),
     ("evaluate --json nowhere/rows.json", "its folder does not exist"),
     ("train --resume nowhere", "nowhere: no such run folder"),
     ("train --resume foreign", "foreign: not a run folder"),

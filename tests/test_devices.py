@@ -19,9 +19,9 @@ from dataclasses import replace
 
 import jax, numpy as np
 from cases import TINY
-from jaxpack.learning.bin_network import BinAwareConfig
+from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.xla.devices import data_mesh, on_all
-from jaxpack.learning.gradients import policy_gradient
+from jaxpack.learning.trainer import policy_gradient
 from jaxpack.learning.trainer import init_state, train_chunk, training_instances
 from jaxpack.training import validate_policy
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxpack import Instance, Problem, make_instance
-from jaxpack.learning.parameters import PointerConfig
-from jaxpack.learning.pointer import (
+from jaxpack.learning.pointer import PointerConfig
+from jaxpack.learning.pointer_network import (
     apply_value,
     greedy_order,
     init_pointer,

@@ -13,8 +13,8 @@ from jaxpack import Cell, Distribution, TrainConfig, make_train
 from jaxpack.errors import UserError
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.learning import trainer
-from jaxpack.learning.gradients import Outcome
-from jaxpack.learning.parameters import PointerConfig
+from jaxpack.learning.losses import Outcome
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import PRESETS, preset
 from jaxpack.learning.trainer import (
     ChunkMetrics,

@@ -23,7 +23,7 @@ from jaxpack import (
     save_policy,
 )
 from jaxpack.io.weights import shipped_policies
-from jaxpack.learning.pointer import init_pointer
+from jaxpack.learning.pointer_network import init_pointer
 
 RECIPE = preset("paper-2d")
 

@@ -7,6 +7,9 @@ from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any, TypeVar
 
 from jaxpack.errors import UserError
+from jaxpack.learning.bin_network import SEES, Sees
+from jaxpack.learning.networks import NETWORKS, Network
+from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.numbers import fault, show
 
 T = TypeVar("T")
@@ -31,8 +34,9 @@ def config_from_dict(cls: type[T], data: Any, where: str = "config") -> T:
     assert is_dataclass(cls)
     if not isinstance(data, dict):
         raise fault(where, f"expected a table of options, found {show(data)}")
-    hints = typing.get_type_hints(cls)
-    names = {field.name for field in fields(cls)}
+    if cls is TrainConfig:
+        data = _of_today(data)
+    hints, names = typing.get_type_hints(cls), _options(cls)
     needed = {f.name for f in fields(cls) if f.default is MISSING and f.default_factory is MISSING}
     if wrong := sorted((needed - data.keys()) | (data.keys() - names)):
         kind = "missing" if wrong[0] in names else "unknown"
@@ -46,9 +50,12 @@ def config_from_dict(cls: type[T], data: Any, where: str = "config") -> T:
 
 def _value(hint: Any, value: Any, where: str) -> Any:
     if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        if value is None and types.NoneType in typing.get_args(hint):
+        hint, nothing = typing.get_args(hint)
+        assert nothing is types.NoneType
+        if value is None:
             return None
-        hint = _arm(hint, value)
+    if hint is Network:
+        return _network(value, where)
     if is_dataclass(hint):
         return config_from_dict(typing.cast(type, hint), value, where)
     if typing.get_origin(hint) is tuple:
@@ -72,11 +79,39 @@ def _tuple(kinds: tuple[Any, ...], value: Any, where: str) -> tuple:
     return tuple(_value(kind, member, f"{where}[{i}]") for i, (kind, member) in members)
 
 
-def _arm(union: Any, value: Any) -> Any:
-    """The member of a union that a value is meant for: of dataclasses the one with its options."""
-    arms = [arm for arm in typing.get_args(union) if arm is not type(None)]
-    for arm in arms:
-        names = {field.name for field in fields(arm)} if is_dataclass(arm) else set()
-        if isinstance(value, dict) and value.keys() <= names:
-            return arm
-    return arms[0]
+def _network(value: Any, where: str) -> Network:
+    """The network with this name. Version 0.1 wrote none: then the one that has the options."""
+    options = dict(value) if isinstance(value, dict) else value
+    kinds = list(NETWORKS.values())
+    if isinstance(value, dict) and "name" in value:
+        name = options.pop("name")
+        kinds = [kind for kind in kinds if kind.name == name]
+        if not kinds:
+            known = " or ".join(NETWORKS)
+            raise fault(where, f"there is no network {show(name)}: choose {known}")
+    elif isinstance(value, dict):
+        kinds = [kind for kind in kinds if value.keys() <= _options(kind)] or kinds
+    return config_from_dict(kinds[0], options, where)
+
+
+def _options(cls: Any) -> set[str]:
+    return {field.name for field in fields(cls) if field.init}
+
+
+def _of_today(options: dict[str, Any]) -> dict[str, Any]:
+    """A recipe's options, those of version 0.1 in the words of today."""
+    options = dict(options)
+    learner, credit = options.get("learner"), options.get("credit")
+    if credit == "order":
+        del options["credit"]
+    if (learner, credit) == ("leave-one-out", "bin"):
+        del options["credit"]
+        options["learner"] = "leave-one-out-by-bin"
+    policy = options.get("policy")
+    if isinstance(policy, dict) and policy.keys() & set(Sees._fields):
+        flags = [policy.get(name, name != "stock") for name in Sees._fields]
+        kept = {name: value for name, value in policy.items() if name not in Sees._fields}
+        for name, sees in SEES.items():
+            if list(sees) == flags:
+                options["policy"] = kept | {"sees": name}
+    return options

@@ -19,7 +19,6 @@ from jaxpack.io.atomic import replace_file
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.io.texts import read_json
 from jaxpack.learning.parameters import Params
-from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.model.numbers import fault
 
@@ -80,7 +79,7 @@ def fits_recipe(config: TrainConfig, params: Params) -> bool:
 
 def _expected(config: TrainConfig) -> Params:
     """The parameters that the config's network has, their shapes for arrays."""
-    return jax.eval_shape(lambda: init_policy(config.problem, config.policy, jax.random.key(0)))
+    return jax.eval_shape(lambda: config.policy.init(config.problem, jax.random.key(0)))
 
 
 def _by_name(params: Params) -> dict[str, Any]:

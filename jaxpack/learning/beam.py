@@ -5,86 +5,86 @@ to j that no earlier slot took. A narrower beam is therefore the beginning of a 
 more width is never worse (monotonic beam search, Lemons et al. 2022).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig, look, scores
+from jaxpack.learning.bin_network import look, scores
 from jaxpack.learning.parameters import MASKED, Params
-from jaxpack.learning.rollout import LANES
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.env import order_of, reset, step
+from jaxpack.packing.env import Choice, Decisions, State, decisions_of, reset, step
+from jaxpack.packing.table import Table
+from jaxpack.packing.view import View
 from jaxpack.xla.pieces import in_pieces
+
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
 
 
 def beam_orders(
+    network: "BinAwareConfig",
     problem: Problem,
-    config: BinAwareConfig,
     params: Params,
     instances: Instance,
     width: int,
     kinds: int | None = None,
-) -> Array:
-    """All orders that the beams end with, slot 0 the greedy one: int32 [B, width, N].
+) -> Decisions:
+    """Where the beams end, slot 0 the greedy one: leaves [B, width, N]. See `Network`."""
+    view = Table(problem)
 
-    Items stay as `Instance.size` has them.
+    def decide(piece: Instance) -> Decisions:
+        return _beams(network, view, params, piece, width, kinds)
 
-    Args:
-        instances: leaves [B, ...].
-        kinds: see `choose_orders`.
-    """
-
-    def orders(piece: Instance) -> Array:
-        return _beams(problem, config, params, piece, width, kinds)
-
-    return in_pieces(orders, instances._replace(turned=None), max(1, LANES // width))
+    return in_pieces(decide, instances, max(1, view.lanes // width))
 
 
 def _beams(
-    problem: Problem,
-    config: BinAwareConfig,
+    network: "BinAwareConfig",
+    view: View,
     params: Params,
     instances: Instance,
     width: int,
     kinds: int | None,
-) -> Array:
+) -> Decisions:
     batch, items = instances.mask.shape
     lanes = batch * width
     repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, width, 0), instances)
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), repeated)
-    fixed, state = reset(problem, last, kinds)
-    K = state.remaining.shape[0]
+    # The kinds are the same for all slots of an instance: they need not go with what is chosen.
+    fixed, *moving = reset(view, last, kinds)
+    K = fixed.kind.shape[0]
     # At first all slots but the first are empty: their one state must not be taken width times.
     total = jnp.where(jnp.arange(width) == 0, 0.0, MASKED * items)
     total = jnp.broadcast_to(total, (batch, width))
 
     def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
-        state, total, chosen = carry
-        state, choices, sight = look(problem, config, fixed, state)
-        log_probs = scores(config, params, sight)
-        done = ~choices.fits.any(0)
+        moving, total, chosen = carry
+        sight = look(network, view, State(fixed, *moving))
+        log_probs = scores(network, params, sight)
+        done = ~sight.fits.any(0)
         # A finished packing goes on as it is: one continuation, free.
         log_probs = log_probs.at[0].set(jnp.where(done, 0.0, log_probs[0]))
         after = total[:, :, None] + log_probs.T.reshape(batch, width, K)
-        parent, kind, total = _monotone(after)
+        parent, row, total = _monotone(after)
         source = (jnp.arange(batch)[:, None] * width + parent).reshape(-1)
-        state, choices, chosen, done = jax.tree.map(
-            lambda leaf: leaf[..., source], (state, choices, chosen, done)
-        )
-        kind = kind.reshape(-1)
-        state = step(problem, fixed, state, choices, kind)
-        chosen = chosen.at[index].set(jnp.where(done, items, kind))
-        return (state, total, chosen), None
+        moving, chosen, done = jax.tree.map(lambda leaf: leaf[..., source], (moving, chosen, done))
+        choice = fixed.choice(row.reshape(-1))
+        _, *moving = step(view, State(fixed, *moving), choice)
+        now = Choice(jnp.where(done, items, choice.kind), choice.orientation)
+        chosen = jax.tree.map(lambda column, one: column.at[index].set(one), chosen, now)
+        return (moving, total, chosen), None
 
-    start: Any = (state, total, jnp.full((items, lanes), items, jnp.int32))
+    nothing = jnp.full((items, lanes), items, jnp.int32)
+    start: Any = (moving, total, Choice(nothing, nothing))
     (_, _, chosen), _ = jax.lax.scan(advance, start, jnp.arange(items))
-    return order_of(fixed, chosen).T.reshape(batch, width, items)
+    decisions = decisions_of(fixed, chosen.kind, chosen.orientation)
+    return jax.tree.map(lambda leaf: leaf.reshape(batch, width, items), decisions)
 
 
 def _monotone(after: Array) -> tuple[Array, Array, Array]:
-    """(parent, kind, total) of the new slots, [B, width] each, from [B, width, K] totals."""
+    """(parent, row, total) of the new slots, [B, width] each, from [B, width, K] totals."""
     batch, width, K = after.shape
     flat = after.reshape(batch, -1)
     parents = jnp.arange(width * K) // K

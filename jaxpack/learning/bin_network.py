@@ -7,42 +7,38 @@ bin and the sizes may be others than in training. R is the number of a row's fea
 context's, D the width of the layers; all come last.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from jaxpack.errors import UserError, check_counts
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Problem
-from jaxpack.packing.env import BinState, Candidates, Kinds, candidates
+from jaxpack.packing.env import Choices, State, observe
+from jaxpack.packing.view import LEVELS, View
 
-BUCKETS = 10  # of the histograms over heights
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
+
+BUCKETS = LEVELS  # of the histograms over sides
 
 
-@dataclass(frozen=True)
-class BinAwareConfig:
-    """Shape of the network, and which of its ingredients are there (for ablations)."""
+class Sees(NamedTuple):
+    """What a row says of its candidate, beside its sizes."""
 
-    hidden: int = 64  # D: width of both layers
-    placement: bool = True  # sees where the item would rest
-    surroundings: bool = True  # sees what lies under and beside it there
-    stock: bool = False  # sees what of the rest would fill the gaps beside and above exactly
-    pooling: bool = True  # rows see the means over what remains and what fits
-    attention: int = 0  # heads of attention among the rows between the layers
-    temperature: float = 1.0  # of the samples that a search draws; training draws at 1
+    placement: bool  # where it would rest
+    surroundings: bool  # what lies under and beside it there
+    stock: bool  # what of the rest would fill the gaps beside and above it exactly
 
-    def __post_init__(self) -> None:
-        if not self.placement and (self.surroundings or self.stock):
-            raise UserError("surroundings and stock belong to a placement: leave it in")
-        check_counts(self, "hidden", most=1 << 16)
-        if not self.temperature > 0:
-            raise UserError(f"temperature {self.temperature}: give more than 0")
-        if self.attention < 0 or (self.attention and self.hidden % self.attention):
-            raise UserError(f"attention {self.attention}: give a number of heads dividing hidden")
+
+SEES = {
+    "sizes": Sees(False, False, False),
+    "placement": Sees(True, False, False),
+    "surroundings": Sees(True, True, False),
+    "stock": Sees(True, False, True),
+    "all": Sees(True, True, True),
+}
 
 
 class Sight(NamedTuple):
@@ -54,42 +50,35 @@ class Sight(NamedTuple):
     fits: Array  # bool [K, B]
 
 
-def look(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
-) -> tuple[BinState, Candidates, Sight]:
-    """The choices, and what the network sees of them; the state is the one they belong to."""
-    state, choices = candidates(problem, kinds, state)
-    rows = _row_features(problem, config, kinds, state, choices)
-    context = _context_features(problem, config, kinds, state)
-    return state, choices, Sight(rows, context, state.remaining, choices.fits)
+def look(network: "BinAwareConfig", view: View, state: State) -> Sight:
+    """What the network sees of the choices."""
+    choices = observe(view, state)
+    rows = _row_features(network, view, state, choices)
+    context = _context_features(network, state, choices)
+    return Sight(rows, context, state.remaining, choices.allowed)
 
 
-def _row_features(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState, choices: Candidates
-) -> Array:
+def _row_features(network: "BinAwareConfig", view: View, state: State, choices: Choices) -> Array:
     """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
+    kinds, candidates = state.kinds, choices.candidates
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
-    area = jnp.maximum(length * width, 1)
+    area, sees = jnp.maximum(length * width, 1), SEES[network.sees]
     volume = length * width * height / (bin_x * bin_y * ceiling)
     rows = [
         length / bin_x, width / bin_y, height / ceiling, 8 * volume,
         jnp.minimum(state.remaining, 8) / 4,
     ]  # fmt: skip
-    if config.placement:
-        x, y, z = (place.astype(jnp.float32) for place in choices.corner)
+    if sees.placement:
+        x, y, z = (place.astype(jnp.float32) for place in candidates.corner)
         top = z + height
-        inside = state.heights[: problem.bin[0], : problem.bin[1]]
-        map_top = _walls_as(inside, 0).max((0, 1))
-        tops = (choices.corner[2] + kinds.sides[2]).astype(jnp.int32)
-        cells_at = _histogram(inside, problem.bin[2] + 1)
-        level = jnp.take_along_axis(cells_at, jnp.clip(tops, 0, problem.bin[2]), 0)
         rows += [
-            x / bin_x, y / bin_y, z / ceiling, top / ceiling, choices.supported / area,
-            (top - map_top) / ceiling, 1.0 * (top == ceiling), level / (bin_x * bin_y),
+            x / bin_x, y / bin_y, z / ceiling, top / ceiling, candidates.supported / area,
+            (top - choices.outline.highest) / ceiling, 1.0 * (top == ceiling),
+            candidates.level / (bin_x * bin_y),
         ]  # fmt: skip
-    if config.surroundings:
-        around = choices.around
+    if sees.surroundings:
+        around = candidates.around
         sides = ((around.left, width), (around.right, width),
                  (around.front, length), (around.back, length))  # fmt: skip
         means = [total / jnp.maximum(cells, 1) for total, cells in sides]
@@ -98,51 +87,49 @@ def _row_features(
         rows += [jnp.abs(mean - top) / ceiling for mean in means]
         rows += [around.gap_left / bin_x, around.gap_right / bin_x]
         rows += [around.gap_front / bin_y, around.gap_back / bin_y]
-    if config.stock:
-        around, free = choices.around, kinds.bin[2] - tops
+    if sees.stock:
+        around = candidates.around
+        free = kinds.bin[2] - (candidates.corner[2] + kinds.sides[2]).astype(jnp.int32)
         rows += [
-            _stock_at(problem.bin[0], kinds.sides[0], state.remaining, around.gap_right) / 4,
-            _stock_at(problem.bin[1], kinds.sides[1], state.remaining, around.gap_back) / 4,
-            _stock_at(problem.bin[2], kinds.sides[2], state.remaining, free) / 4,
-            1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0),
-        ]  # fmt: skip
+            _stock_at(view, axis, state, wanted) / 4
+            for axis, wanted in enumerate((around.gap_right, around.gap_back, free))
+        ]
+        rows += [1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0)]
     # What does not remain or does not fit has no meaning, and a wall's height for z.
     present = state.remaining > 0
     rows = [jnp.where(present, jnp.clip(row, -2, 2), 0).astype(jnp.float32) for row in rows]
     return jnp.stack(rows, -1)
 
 
-def _context_features(
-    problem: Problem, config: BinAwareConfig, kinds: Kinds, state: BinState
-) -> Array:
+def _context_features(network: "BinAwareConfig", state: State, choices: Choices) -> Array:
     """What all rows share: float32 [B, G]."""
+    kinds, outline = state.kinds, choices.outline
     length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     capacity = bin_x * bin_y * ceiling
     remaining = state.remaining * kinds.share
     volume = remaining * length * width * height / capacity
     left = volume.sum(0)
-    inside = state.heights[: problem.bin[0], : problem.bin[1]]
-    heights = _walls_as(inside, 0)
     shares = [
         state.used / capacity, left / 4, jnp.minimum(left, 1), left - jnp.floor(left),
-        heights.max((0, 1)) / ceiling, heights.sum((0, 1), dtype=jnp.int32) / capacity,
+        outline.highest / ceiling, outline.volume / capacity,
         remaining.sum(0) / 40, state.used == 0,
     ]  # fmt: skip
-    # A wall is above every bucket.
-    level = inside.astype(jnp.int32) * BUCKETS // kinds.bin[2]
-    levels = _histogram(level, BUCKETS) / (bin_x * bin_y)
+    levels = outline.levels / (bin_x * bin_y)
     sides = ((height, ceiling), (length, bin_x), (width, bin_y))
     stock = []
-    for side, whole in sides if config.stock else sides[:1]:
+    for side, whole in sides if SEES[network.sees].stock else sides[:1]:
         bucket = jnp.ceil(side * BUCKETS / whole).astype(jnp.int32) - 1
         stock.append(jnp.where(bucket == jnp.arange(BUCKETS)[:, None, None], volume, 0).sum(1))
     return jnp.concatenate([jnp.stack(shares), levels, *stock]).T
 
 
-def init_network(config: BinAwareConfig, key: Array) -> Params:
-    """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero."""
-    shapes = _shapes(config)
+def init_network(network: "BinAwareConfig", problem: Problem, key: Array) -> Params:
+    """Fresh weights from one draw: variance 1 / fan in, biases and the last layer zero.
+
+    They are the same for every problem.
+    """
+    shapes = _shapes(network)
     keys = jax.random.split(key, len(shapes))
     return {
         name: jnp.zeros(shape)
@@ -152,7 +139,7 @@ def init_network(config: BinAwareConfig, key: Array) -> Params:
     }
 
 
-def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
+def scores(network: "BinAwareConfig", params: Params, sight: Sight) -> Array:
     """Log-probabilities of the rows: float32 [K, B], MASKED where the row does not fit."""
     rows, context, remaining, fits = sight
     K, B, _ = rows.shape
@@ -164,13 +151,13 @@ def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
 
     shift = context @ params["context"] + params["bias1"]
     hidden = jax.nn.relu(shared_by_rows("rows", rows) + shift)
-    if config.pooling:
+    if network.pooling:
         weights = (remaining.astype(jnp.float32), fits.astype(jnp.float32))
         shares = [weight / jnp.maximum(weight.sum(0), 1) for weight in weights]
         pooled = [jnp.einsum("kb,kbd->bd", share, hidden) for share in shares]
         context = jnp.concatenate([context, *pooled], -1)
-    if config.attention:
-        hidden += _attend(config, params, hidden, remaining > 0)
+    if network.attention:
+        hidden += _attend(network, params, hidden, remaining > 0)
     shift = jax.nn.relu(context @ params["mix"] + params["bias2"]) @ params["shift"]
     middle = jax.nn.relu(shared_by_rows("deep", hidden) + shift)
     score = shared_by_rows("score", middle)[..., 0]
@@ -178,10 +165,10 @@ def scores(config: BinAwareConfig, params: Params, sight: Sight) -> Array:
     return jnp.where(fits, jax.nn.log_softmax(masked, axis=0), MASKED)
 
 
-def _attend(config: BinAwareConfig, params: Params, hidden: Array, present: Array) -> Array:
+def _attend(network: "BinAwareConfig", params: Params, hidden: Array, present: Array) -> Array:
     """Multi-head attention among the rows of one instance: [K, B, D] -> [K, B, D]."""
     K, B, D = hidden.shape
-    heads = (K, B, config.attention, D // config.attention)
+    heads = (K, B, network.attention, D // network.attention)
     query, key, value = ((hidden @ params[n]).reshape(heads) for n in ("query", "key", "value"))
     weight = jnp.einsum("kbhd,jbhd->bhkj", query, key) / heads[-1] ** 0.5
     weight = jax.nn.softmax(jnp.where(present.T[:, None, None], weight, MASKED), axis=-1)
@@ -189,33 +176,28 @@ def _attend(config: BinAwareConfig, params: Params, hidden: Array, present: Arra
     return mixed @ params["out"]
 
 
-def _shapes(config: BinAwareConfig) -> dict[str, tuple[int, ...]]:
-    D = config.hidden
-    rows = 5 + 8 * config.placement + 13 * config.surroundings + 5 * config.stock
-    context = 8 + (4 if config.stock else 2) * BUCKETS
-    mixed = context + 2 * D * config.pooling
+def _shapes(network: "BinAwareConfig") -> dict[str, tuple[int, ...]]:
+    D, sees = network.hidden, SEES[network.sees]
+    rows = 5 + 8 * sees.placement + 13 * sees.surroundings + 5 * sees.stock
+    context = 8 + (4 if sees.stock else 2) * BUCKETS
+    mixed = context + 2 * D * network.pooling
     shapes: dict[str, tuple[int, ...]] = {
         "rows": (rows, D), "context": (context, D), "bias1": (D,),
         "mix": (mixed, D), "bias2": (D,), "shift": (D, D), "deep": (D, D), "score": (D, 1),
     }  # fmt: skip
-    if config.attention:
+    if network.attention:
         shapes |= dict.fromkeys(("query", "key", "value", "out"), (D, D))
     return shapes
 
 
-def _stock_at(most: int, sides: Array, remaining: Array, wanted: Array) -> Array:
+def _stock_at(view: View, axis: int, state: State, wanted: Array) -> Array:
     """How many of the remaining items have exactly the wanted side, 4 at most: [K, B]."""
+    sides, wanted = state.kinds.sides[axis], wanted.astype(jnp.int32)
+    if view.cells is None:
+        wanted = jnp.clip(wanted, 0, state.kinds.bin[axis])
+        alike = (sides == wanted[:, None]) & (wanted > 0)[:, None]
+        return jnp.minimum(jnp.where(alike, state.remaining, 0).sum(1), 4)
+    most = view.cells[axis]
     lengths = jnp.arange(most + 1, dtype=sides.dtype)[:, None, None]
-    stock = jnp.where(sides == lengths, remaining, 0).sum(1).at[0].set(0)
-    index = jnp.clip(wanted.astype(jnp.int32), 0, most)
-    return jnp.minimum(jnp.take_along_axis(stock, index, 0), 4)
-
-
-def _histogram(cells: Array, values: int) -> Array:
-    """How many cells [X, Y, B] have each of the values 0, 1, ...: int32 [values, B]."""
-    value = jnp.arange(values, dtype=cells.dtype).reshape(-1, 1, 1, 1)
-    return (cells == value).sum((1, 2), dtype=jnp.int32)
-
-
-def _walls_as(heights: Array, value: int) -> Array:
-    return jnp.where(heights == np.iinfo(heights.dtype).max, value, heights)
+    stock = jnp.where(sides == lengths, state.remaining, 0).sum(1).at[0].set(0)
+    return jnp.minimum(jnp.take_along_axis(stock, jnp.clip(wanted, 0, most), 0), 4)

@@ -1,11 +1,35 @@
 """Losses as pure functions of one batch of outcomes."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import chex
 import jax
 import jax.numpy as jnp
 from jax import Array
+
+from jaxpack.model.metrics import bins_used, compactness, pyramid
+from jaxpack.model.problem import Instance, Packing
+
+if TYPE_CHECKING:
+    from jaxpack.learning.recipe import TrainConfig
+
+
+class Outcome(NamedTuple):
+    """Means over the orders of one update, float32[] each."""
+
+    cost: Array  # what is minimised
+    compactness: Array
+    pyramid: Array
+    bins: Array
+    actor_loss: Array
+    critic_loss: Array
+    entropy: Array  # nats per item
+
+
+def judge(config: "TrainConfig", instance: Instance, packing: Packing) -> tuple[Array, ...]:
+    """The first four of `Outcome` for one packing."""
+    measures = (compactness(instance, packing), pyramid(packing), bins_used(packing))
+    return config.cost(instance, packing), *measures
 
 
 class Losses(NamedTuple):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jaxpack.errors import UserError
-from jaxpack.learning.bin_network import BinAwareConfig
+from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.instances import Cell, Distribution
 from jaxpack.model.problem import Problem
@@ -14,7 +14,7 @@ PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=Fals
 BIN_AWARE = TrainConfig(
     problem=PAPER_2D,
     distribution=Distribution(items=40, low=1, high=5),
-    policy=BinAwareConfig(stock=True, temperature=1.5),
+    policy=BinAwareConfig(sees="all", temperature=1.5),
     train_instances=19_200,
     valid_instances=1_000,
     batch=64,
@@ -34,9 +34,9 @@ BIN_AWARE_3D = replace(
     BIN_AWARE,
     problem=PAPER_3D,
     distribution=Distribution(items=70, low=2, high=5),
-    policy=BinAwareConfig(stock=True),
+    policy=BinAwareConfig(sees="all"),
     train_instances=153_600,
-    credit="bin",
+    learner="leave-one-out-by-bin",
 )
 
 # From five bins an instance to one that is not full, from cubes of one cell to half the bin.
@@ -77,13 +77,21 @@ PRESETS = {
     "bin-aware-3d": BIN_AWARE_3D,
     # One policy for bins and items of many sizes.
     "bin-aware-2d-range": replace(
-        BIN_AWARE, train_instances=80_640, learning_rate=5e-3, credit="bin", others=RANGE
+        BIN_AWARE,
+        train_instances=80_640,
+        learning_rate=5e-3,
+        learner="leave-one-out-by-bin",
+        others=RANGE,
     ),
     "bin-aware-3d-range": replace(
         BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE_3D
     ),
     "bin-aware-2d-turned": replace(
-        BIN_AWARE, train_instances=38_400, learning_rate=5e-3, credit="bin", others=TURNED_2D
+        BIN_AWARE,
+        train_instances=38_400,
+        learning_rate=5e-3,
+        learner="leave-one-out-by-bin",
+        others=TURNED_2D,
     ),
     "bin-aware-3d-turned": replace(
         BIN_AWARE_3D, train_instances=38_400, learning_rate=5e-3, others=TURNED_3D

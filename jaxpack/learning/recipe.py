@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from jax import Array
 
 from jaxpack.errors import MOST, UserError, check_counts
-from jaxpack.learning.bin_network import BinAwareConfig
-from jaxpack.learning.parameters import Params, PointerConfig
-from jaxpack.learning.policies import Network
+from jaxpack.learning.networks import Network
+from jaxpack.learning.parameters import Params
+from jaxpack.learning.pointer import PointerConfig
 from jaxpack.model import objectives
 from jaxpack.model.instances import Cell, Distribution
 from jaxpack.model.problem import Instance, Packing, Problem
@@ -15,10 +15,16 @@ from jaxpack.model.problem import Instance, Packing, Problem
 OBJECTIVES = {n: one.on_grid for n, one in objectives.OBJECTIVES.items() if one.on_grid}
 CHOICES: dict[str, tuple[str, ...]] = {
     "objective": tuple(OBJECTIVES),
-    "learner": ("critic", "leave-one-out", "self-label"),
-    "credit": ("order", "bin"),
     "schedule": ("constant", "cosine"),
 }
+
+LEARNERS = {
+    "critic": "REINFORCE, what an order costs compared with what the critic expects",
+    "leave-one-out": "REINFORCE, compared with the other samples of its instance",
+    "leave-one-out-by-bin": "the same, a choice answers for its own bin and later ones alone",
+    "self-label": "imitation of the best sample of each instance",
+}
+"""What there is to learn by; `Network.learners` says which of them go with what."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +48,7 @@ class TrainConfig:
     objective: str = "paper"  # the cost: R of Eq. (9), or bins + alpha (1 - C) + beta (1 - P)
     alpha: float = 0.5  # weight of compactness
     beta: float = 0.5  # weight of pyramid
-    learner: str = "critic"  # baseline of REINFORCE: the critic, the other samples; or imitation
-    credit: str = "order"  # a choice answers for the whole order, or for its own bin and later ones
+    learner: str = "critic"  # see LEARNERS
     samples: int = 1  # S, orders drawn per instance
     entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
     clip: float = 0.0  # largest norm of a gradient; 0: any
@@ -67,19 +72,13 @@ class TrainConfig:
         for name, known in CHOICES.items():
             if getattr(self, name) not in known:
                 raise UserError(f"{name} '{getattr(self, name)}': choose {' or '.join(known)}")
+        if self.learner not in (known := self.policy.learners(self.objective)):
+            raise UserError(
+                f"learner '{self.learner}': choose {' or '.join(known)}, those that the "
+                f"{self.policy.name} network has for objective {self.objective}"
+            )
         if self.learner != "critic" and self.samples < 2:
             raise UserError(f"learner '{self.learner}' compares samples: give samples 2 or more")
-        if isinstance(self.policy, BinAwareConfig) and self.learner == "critic":
-            raise UserError("learner 'critic': the bin-aware policy has none, use leave-one-out")
-        if isinstance(self.policy, PointerConfig) and self.learner == "self-label":
-            raise UserError("learner 'self-label': only the bin-aware policy has it")
-        if self.credit == "bin" and (
-            isinstance(self.policy, PointerConfig)
-            or (self.objective, self.learner) != ("bins", "leave-one-out")
-        ):
-            raise UserError(
-                "credit 'bin': it goes with the bin-aware policy, objective bins, leave-one-out"
-            )
         for cell in self.others:
             cell.distribution.check_fits(self.problem.resized(cell.bin, 1).bin)
 

@@ -1,101 +1,100 @@
 """Packing a batch with the bin-aware policy: greedily, by sampling, and with a memory of it."""
 
-from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig, Sight, look, scores
+from jaxpack.learning.bin_network import Sight, look, scores
 from jaxpack.learning.parameters import Params
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.env import (
-    BinState,
-    Kinds,
-    compact,
-    order_of,
-    orientations_of,
-    reset,
-    step,
-)
+from jaxpack.packing.env import Choice, Decisions, State, compact, decisions_of, reset, step
+from jaxpack.packing.table import Table
+from jaxpack.packing.view import View
 from jaxpack.xla.pieces import in_pieces
 
-Choice = tuple[Array, Array]  # label of the kind and orientation, int32 [B] each
-
-# Instances side by side. What the network holds of 64 stays in a core's cache, and since every
-# batch is cut into pieces of this one shape, an instance's order does not depend on the batch.
-LANES = 64
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
 
 # Shares of the steps after which kinds of which nothing remains are dropped: a third less to
 # score. Every stretch compiles for itself, so few kinds (2D) do without.
 COMPACTED = (0.4, 0.7)
 FEW_KINDS = 32
 
+LANES = Table.lanes
+
 
 class Trace(NamedTuple):
     """What the network saw at T steps of a batch, and what was chosen."""
 
     sight: Sight  # leaves [T, ...]
-    kind: Array  # int32 [T, B], the row chosen; of no meaning where nothing fits
+    row: Array  # int32 [T, B], that was chosen; of no meaning where nothing fits
 
 
 def choose_orders(
+    network: "BinAwareConfig",
     problem: Problem,
-    config: BinAwareConfig,
     params: Params,
     instances: Instance,
     keys: Array | None = None,
     kinds: int | None = None,
-    temperature: float = 1.0,
-) -> tuple[Array, Array]:
-    """Orders of a batch: sampled with a typed PRNG key each (keys [B]), greedy without.
+    temperature: float | None = None,
+) -> Decisions:
+    """Decisions for a batch: sampled with a typed PRNG key each, greedy without; see `Network`."""
+    return decide(network, Table(problem), params, instances, keys, kinds, temperature)
 
-    Items are turned too, where `Instance.turned` leaves a choice.
 
-    Args:
-        instances: leaves [B, ...].
-        kinds: at least the number of distinct sizes in an instance; N if not given. Fewer are
-            faster.
-        temperature: samples are drawn from probabilities to the power of 1 / temperature.
+def decide(
+    network: "BinAwareConfig",
+    view: View,
+    params: Params,
+    instances: Instance,
+    keys: Array | None = None,
+    kinds: int | None = None,
+    temperature: float | None = None,
+) -> Decisions:
+    """`choose_orders` on any surface.
 
-    Returns:
-        (order int32 [B, N], orientation int32 [B, N] by item): what was packed is the order
-        over `in_orientation(instance, orientation)`.
+    Every batch is cut into pieces of one shape, so what is decided of an instance does not depend
+    on the batch. Items are turned too, where `Instance.turned` leaves a choice: what was packed is
+    the order over `in_orientation(instance, orientation)`.
     """
+    if temperature is None:
+        temperature = network.temperature
 
-    def orders(piece: tuple[Instance, Array | None]) -> tuple[Array, Array]:
-        return _play(problem, config, params, *piece, kinds, temperature, remember=False)[:2]
+    def orders(piece: tuple[Instance, Array | None]) -> Decisions:
+        return _play(network, view, params, *piece, kinds, temperature, remember=False)[0]
 
-    return in_pieces(orders, (instances, keys), LANES)
+    return in_pieces(orders, (instances, keys), view.lanes)
 
 
 def trace_choices(
-    problem: Problem,
-    config: BinAwareConfig,
+    network: "BinAwareConfig",
+    view: View,
     params: Params,
     instances: Instance,
     keys: Array,
     kinds: int,
-) -> tuple[Array, Array, list[Trace]]:
-    """What `choose_orders` samples, and what was seen and chosen: a trace per stretch of rows."""
-    return _play(problem, config, params, instances, keys, kinds, 1.0, remember=True)
+) -> tuple[Decisions, list[Trace]]:
+    """What `decide` samples, and what was seen and chosen: a trace per stretch of rows."""
+    return _play(network, view, params, instances, keys, kinds, 1.0, remember=True)
 
 
 def _play(
-    problem: Problem,
-    config: BinAwareConfig,
+    network: "BinAwareConfig",
+    view: View,
     params: Params,
     instances: Instance,
     keys: Array | None,
     kinds: int | None,
     temperature: float,
     remember: bool,
-) -> tuple[Array, Array, list[Trace]]:
-    """(orders, orientations, int32 [B, N] each; the traces if they are to be remembered)."""
+) -> tuple[Decisions, list[Trace]]:
+    """(leaves [B, N]; the traces if they are to be remembered)."""
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
-    fixed, state = reset(problem, last, kinds)
+    state = reset(view, last, kinds)
     items = instances.mask.shape[1]
     ways = 1 if instances.turned is None else instances.turned.shape[2]
 
@@ -104,28 +103,26 @@ def _play(
         draw = jax.vmap(lambda key: jax.random.gumbel(key, noise.shape[:2]), out_axes=-1)
         noise = draw(keys)
 
-    def play(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, tuple[Choice, Trace]]:
-        state, choices, sight = look(problem, config, fixed, state)
-        preference = scores(config, params, sight)
-        kind = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
-        label, orientation = (
-            jnp.take_along_axis(column, kind[None], 0)[0]
-            for column in (fixed.label, fixed.orientation)
-        )
-        label = jnp.where(choices.fits.any(0), label, items)
-        after = step(problem, fixed, state, choices, kind)
-        return after, ((label, orientation), Trace(sight, kind))
+    def play(state: State, noise: Array) -> tuple[State, tuple[Choice, Trace]]:
+        sight = look(network, view, state)
+        preference = scores(network, params, sight)
+        row = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
+        choice = state.kinds.choice(row)
+        after = step(view, state, choice)
+        done = ~sight.fits.any(0)
+        chosen = Choice(jnp.where(done, items, choice.kind), choice.orientation)
+        return after, (chosen, Trace(sight, row))
 
-    def play_only(fixed: Kinds, state: BinState, noise: Array) -> tuple[BinState, Choice]:
+    def play_only(state: State, noise: Array) -> tuple[State, Choice]:
         """Without a trace to fill, the steps after the last item has been placed cost nothing."""
 
-        def turn(state: BinState) -> tuple[BinState, Choice]:
-            after, (choice, _) = play(fixed, state, noise)
+        def turn(state: State) -> tuple[State, Choice]:
+            after, (choice, _) = play(state, noise)
             return after, choice
 
-        def rest(state: BinState) -> tuple[BinState, Choice]:
+        def rest(state: State) -> tuple[State, Choice]:
             nothing = jnp.zeros(noise.shape[1:], jnp.int32)
-            return state, (nothing + items, nothing)
+            return state, Choice(nothing + items, nothing)
 
         return jax.lax.cond(state.remaining.any(), turn, rest, state)
 
@@ -133,15 +130,13 @@ def _play(
     trace: list[Trace] = []
     cuts = COMPACTED if state.remaining.shape[0] > FEW_KINDS else ()
     for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
-        fixed, state = compact(fixed, state, ways * (items - start))
-        rows = state.remaining.shape[0]
-        noises = noise[start:end, :rows]
+        state = compact(state, ways * (items - start))
+        noises = noise[start:end, : state.remaining.shape[0]]
         if remember:
-            state, (choice, seen) = jax.lax.scan(partial(play, fixed), state, noises)
+            state, (choice, seen) = jax.lax.scan(play, state, noises)
             trace.append(seen)
         else:
-            state, choice = jax.lax.scan(partial(play_only, fixed), state, noises)
+            state, choice = jax.lax.scan(play_only, state, noises)
         chosen.append(choice)
-    label, orientation = (jnp.concatenate(column) for column in zip(*chosen, strict=True))
-    order = order_of(fixed, label)
-    return order.T, orientations_of(fixed, label, orientation).T, trace
+    kind, orientation, _ = jax.tree.map(lambda *stretches: jnp.concatenate(stretches), *chosen)
+    return decisions_of(state.kinds, kind, orientation), trace

@@ -15,12 +15,12 @@ from jax import Array
 from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
-from jaxpack.learning.gradients import Outcome, policy_gradient
+from jaxpack.learning.losses import Outcome
 from jaxpack.learning.parameters import Params
-from jaxpack.learning.policies import init_policy
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.instances import sample_at
 from jaxpack.model.problem import Instance
+from jaxpack.xla.devices import PART, WHOLE, mean_over_batch
 
 
 class TrainState(NamedTuple):
@@ -45,7 +45,7 @@ def init_state(
     config: TrainConfig, key: Array, learning_rate: ArrayLike | None = None
 ) -> TrainState:
     """A run's first state. `key` gives weights, data, shuffles and samples."""
-    params = init_policy(config.problem, config.policy, jax.random.fold_in(key, 0))
+    params = config.policy.init(config.problem, jax.random.fold_in(key, 0))
     rate = config.learning_rate if learning_rate is None else learning_rate
     return TrainState(
         params=params,
@@ -67,6 +67,21 @@ def training_instances(config: TrainConfig, key: Array, rows: Array) -> Instance
 def validation_set(config: TrainConfig, key: Array, rows: Array) -> Instance:
     """The instances at `rows` (int [...]) of the fixed validation set of the run with this key."""
     return sample_at(config.problem, config.distribution, jax.random.fold_in(key, 2), rows)
+
+
+def policy_gradient(
+    config: TrainConfig, params: Params, instances: Instance, key: Array, mesh: Mesh | None = None
+) -> tuple[Params, Outcome]:
+    """The gradient of the config's loss on a batch of instances (leaves [B, ...]).
+
+    Args:
+        mesh: the devices that share the batch, from `data_mesh`; it does not change the result.
+    """
+    # A key for every order of the whole batch, whichever device draws it.
+    keys = jax.random.split(key, (instances.mask.shape[0], config.samples))
+    mean = mean_over_batch(mesh, partial(config.policy.gradient, config), (WHOLE, PART, PART))
+    result: tuple[Params, Outcome] = mean(params, instances, keys)
+    return result
 
 
 def train_step(

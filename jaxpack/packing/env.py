@@ -1,64 +1,87 @@
-"""Packing as a sequence of choices that see the bin: reset, candidates, step.
+"""Packing as a sequence of choices that see the bin: reset, observe, step.
 
-First fit, bin by bin: at every step one of the items that still fit the current bin is chosen,
-the height-map rule places it, and when none fits a new bin is opened. What was chosen is an
-order, and `pack` turns that order into the same packing. Items of equal size are one *kind*
-with a count: there is nothing to choose between them. Where items may be turned, every
-orientation of a kind is a choice of its own.
+    state = reset(view, instances)
+    choices = observe(view, state)                   # all that could be placed next, and where
+    state = step(view, state, Choice(kind, orientation))
+
+A choice is a kind, an orientation and a position. Items of equal size are one *kind* with a count:
+there is nothing to choose between them. Where items may be turned, every orientation of a kind is a
+choice of its own. Who chooses no position gets that of the position rule; `positions` has all the
+others. When nothing that remains fits the current bin, a new one is opened. What was chosen, with
+the rule's positions, is an order (`decisions_of`), and `pack` turns it into the same packing.
 
 Everything here treats trailing axes as batch ([K, B]: choices, instances side by side), because
-the kernel does. K is the number of kinds times that of orientations, padding included; F the
-number of footprints.
+the kernels do: move the axis of a batch of instances to the end first. K is the number of kinds
+times that of orientations, padding included. The view says what a bin is: see `packing.view`.
 """
 
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.candidates import Rests, Surroundings, rests, surroundings
-from jaxpack.packing.height_map import cell_dtype, drop, empty_map
+from jaxpack.model.problem import Instance
 from jaxpack.packing.surface import Triple
-
-T = TypeVar("T")
+from jaxpack.packing.view import Candidates, Outline, Places, View
 
 
 class Kinds(NamedTuple):
-    """What does not change while an instance is packed."""
+    """What does not change while an instance is packed. A row is a kind in an orientation."""
 
-    sides: Triple  # length, width, height of each choice: cell_dtype [K, B], 0 for padding
-    label: Array  # int32 [K, B], the kind's number among all kinds of the instance
+    sides: Triple  # length, width, height of each row: of the view's type [K, B], 0 for padding
+    kind: Array  # int32 [K, B], its number among all kinds of the instance
     orientation: Array  # int32 [K, B], index along O of `Instance.turned`
     share: Array  # float32 [K, B], one by the number of the kind's orientations
     items: Array  # int32 [N, B], the items by kind; those of no kind (never placed) last
-    bin: Array  # int32 [3, B], cells
+    bin: Array  # int32 [3, B], sides
+
+    def choice(self, row: Array) -> "Choice":
+        """That of a row, int32 [B]."""
+        kind, orientation = (
+            jnp.take_along_axis(column, row[None], 0)[0] for column in (self.kind, self.orientation)
+        )
+        return Choice(kind, orientation)
 
 
-class BinState(NamedTuple):
+class State(NamedTuple):
     """The current bin and what remains."""
 
-    heights: Array  # cell_dtype [L + window - 1, W + window - 1, B], with walls
-    remaining: Array  # int32 [K, B], items of the choice's kind that are not packed yet
-    used: Array  # int32 [B], volume packed into the current bin, cells
+    kinds: Kinds
+    inside: Any  # what lies in the current bin, as the view keeps it
+    remaining: Array  # int32 [K, B], items of the row's kind that are not packed yet
+    used: Array  # float32 [B], volume packed into the current bin
     opened: Array  # int32 [B], bins opened so far
 
 
-class Candidates(NamedTuple):
-    """The next placement of every kind. `corner` and `around` mean nothing where it fits not."""
+class Choices(NamedTuple):
+    """What could be placed next: the rule's placement of every row, and the bin it would be in."""
 
-    fits: Array  # bool [K, B], one remains and there is a position for it in the current bin
-    corner: Triple  # x, y, z: cell_dtype [K, B], cells
-    supported: Array  # integer [K, B], cells of the footprint at height z
-    around: Surroundings  # integers [K, B], cells
+    allowed: Array  # bool [K, B], one remains and there is a position for it
+    candidates: Candidates  # of no meaning where none remains
+    outline: Outline
 
 
-def reset(problem: Problem, instance: Instance, kinds: int | None = None) -> tuple[Kinds, BinState]:
+class Choice(NamedTuple):
+    """What is placed next."""
+
+    kind: Array  # int32 [B], see `Kinds.kind`
+    orientation: Array  # int32 [B]
+    position: tuple[Array, Array] | None = None  # x, y of its corner [B]; None: the rule's
+
+
+class Decisions(NamedTuple):
+    """What a policy decided of an instance; the rule that fills in the positions does the rest."""
+
+    order: Array  # int32 [..., N], the items in the order in which they are packed
+    orientation: Array  # int32 [..., N] by item, index along O of `Instance.turned`; 0 without it
+
+
+def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
     """The state before the first choice.
 
     Args:
-        problem: the rules, static.
+        view: what a bin is, static: `Table(problem)` of cells.
         instance: leaves with a trailing batch: size [N, 3, B], mask [N, B], bin [3, B],
             turned [N, O, 3, B] or None.
         kinds: at least the number of distinct sizes in an instance (with their orientations);
@@ -66,8 +89,7 @@ def reset(problem: Problem, instance: Instance, kinds: int | None = None) -> tup
     """
     turned = instance.size[:, None] if instance.turned is None else instance.turned
     N, ways, _, B = turned.shape
-    limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]])[:, None])
-    allowed = instance.mask[:, None] & (turned <= limit).all(2)  # [N, O, B]
+    allowed = instance.mask[:, None] & (turned <= view.largest(instance.bin)).all(2)  # [N, O, B]
     for way in range(1, ways):
         alike = (turned[:, :way] == turned[:, way : way + 1]).all(2).any(1)
         allowed = allowed.at[:, way].set(allowed[:, way] & ~alike)
@@ -89,130 +111,127 @@ def reset(problem: Problem, instance: Instance, kinds: int | None = None) -> tup
     # [kinds, O, 3, B]; of every kind all orientations stand together.
     table = jnp.stack(columns, 1).reshape(kinds, ways, 3, B)
     length, width, height = (
-        table[:, :, axis].reshape(-1, B).astype(cell_dtype(problem)) for axis in range(3)
+        table[:, :, axis].reshape(-1, B).astype(view.dtype) for axis in range(3)
     )
     real = table[:, :, 0] > 0
     share = real / jnp.maximum(real.sum(1, keepdims=True), 1)
-    state = BinState(
-        heights=empty_map(problem, instance.bin),
+    row = jax.lax.broadcasted_iota(jnp.int32, (kinds * ways, B), 0)
+    rows = (length, width, height), row // ways, row % ways, share.reshape(-1, B)
+    return State(
+        kinds=Kinds(*rows, items, instance.bin),
+        inside=view.empty(instance.bin),
         remaining=jnp.where(real, count[:, None], 0).reshape(-1, B),
-        used=jnp.zeros(B, jnp.int32),
+        used=jnp.zeros(B),
         opened=jnp.ones(B, jnp.int32),
     )
-    row = jax.lax.broadcasted_iota(jnp.int32, (kinds * ways, B), 0)
-    choices = (length, width, height), row // ways, row % ways, share.reshape(-1, B)
-    return Kinds(*choices, items, instance.bin), state
 
 
-def compact(kinds: Kinds, state: BinState, rows: int) -> tuple[Kinds, BinState]:
-    """The same with only `rows` choices: at least as many as there are of which items remain."""
-    keep = jnp.argsort(state.remaining == 0, axis=0, stable=True)[:rows]
-
-    def kept(columns: T) -> T:
-        return jax.tree.map(lambda column: jnp.take_along_axis(column, keep, 0), columns)
-
-    sides, label, orientation, share = kept(kinds[:4])
-    kinds = kinds._replace(sides=sides, label=label, orientation=orientation, share=share)
-    return kinds, state._replace(remaining=kept(state.remaining))
-
-
-def candidates(problem: Problem, kinds: Kinds, state: BinState) -> tuple[BinState, Candidates]:
-    """The choices, after a new bin was opened where nothing that remains fits the current one.
-
-    The state that comes back is the one that the choices belong to.
+def observe(view: View, state: State) -> Choices:
+    """Every choice, with the position that the rule gives it and what it would touch there.
 
     Args:
-        problem: the rules, static.
-        kinds: as `reset` returned them.
+        view: as `reset` had it.
         state: as `reset` or `step` returned it.
     """
-    _, window_y = problem.window
-    length, width, height = kinds.sides
-    waiting = state.remaining > 0
-    footprint = jnp.where(waiting, (length.astype(jnp.int32) - 1) * window_y + width - 1, 0)
+    kinds = state.kinds
+    candidates = view.look(state.inside, kinds.bin, kinds.sides)
+    allowed = candidates.fits & (state.remaining > 0)
+    return Choices(allowed, candidates, view.outline(state.inside, kinds.bin))
 
-    ceiling = kinds.bin[2].astype(height.dtype)
-    at = rests(problem, state.heights)
-    fits = waiting & (jnp.take_along_axis(at.z, footprint, 0) <= ceiling - height)
-    full = ~fits.any(0) & waiting.any(0)
-    fresh = empty_map(problem, kinds.bin)
-    state = BinState(
-        heights=jnp.where(full, fresh, state.heights),
-        remaining=state.remaining,
-        used=jnp.where(full, 0, state.used),
+
+def positions(view: View, state: State, kind: Array, orientation: Array) -> Places:
+    """All positions for one item: those that are allowed, and how high it would come to rest.
+
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+        kind: int32 [B], see `Kinds.kind`.
+        orientation: int32 [B].
+    """
+    _, size = _row(state.kinds, Choice(kind, orientation))
+    return view.places(state.inside, state.kinds.bin, size)
+
+
+def step(view: View, state: State, choice: Choice) -> State:
+    """Places one item, and opens a new bin where nothing that remains fits the current one.
+
+    Nothing is placed where none of the kind remains, or it is not allowed where it should stand.
+
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+        choice: one of those that `observe` allows, or at one of the `positions`.
+    """
+    kinds = state.kinds
+    row, size = _row(kinds, choice)
+    if choice.position is None:
+        corners, found = view.corners(
+            state.inside, kinds.bin, jax.tree.map(lambda s: s[None], size)
+        )
+        corner, fits = jax.tree.map(lambda leaf: leaf[0], (corners, found))
+    else:
+        corner, fits = _at(view.places(state.inside, kinds.bin, size), *choice.position)
+    fits &= (row & (state.remaining > 0)).any(0)
+    # Of all orientations of its kind one item less is left.
+    taken = (kinds.kind == choice.kind) & (state.remaining > 0) & fits
+    remaining = state.remaining - taken
+    inside = view.place(state.inside, kinds.bin, size, corner, fits)
+    waiting = remaining > 0
+    full = waiting.any(0) & ~(waiting & view.corners(inside, kinds.bin, kinds.sides)[1]).any(0)
+    length, width, height = (side.astype(jnp.float32) for side in size)
+    used = state.used + jnp.where(fits, length * width * height, 0)
+    return State(
+        kinds=kinds,
+        inside=jax.tree.map(
+            lambda new, old: jnp.where(full, new, old), view.empty(kinds.bin), inside
+        ),
+        remaining=remaining,
+        used=jnp.where(full, 0, used),
         opened=state.opened + full,
     )
-    # In an empty bin everything rests in the corner, on the floor.
-    x, y, z = (jnp.where(full, 0, place) for place in at[:3])
-    at = Rests(x, y, z, at.supported)
-    around = surroundings(problem, state.heights, kinds.bin, at)
-    # One gather of whole rows of the table instead of one per column.
-    table = jnp.stack([column.astype(around.under.dtype) for column in (*at, *around)], -1)
-    rows = jnp.take_along_axis(table, footprint[..., None], 0)
-    x, y, z, supported, *beside = (rows[..., column] for column in range(rows.shape[-1]))
-    supported = jnp.where(full, length * width, supported)
-    x, y, z = (place.astype(height.dtype) for place in (x, y, z))
-    return state, Candidates(
-        fits | (waiting & full), (x, y, z), supported, Surroundings._make(beside)
-    )
 
 
-def step(
-    problem: Problem, kinds: Kinds, state: BinState, choices: Candidates, kind: Array
-) -> BinState:
-    """Places one item of a row where the candidate says; nothing if none fits.
-
-    Args:
-        problem: the rules, static.
-        kinds: as `reset` returned them.
-        state: as `candidates` returned it.
-        choices: as `candidates` returned them.
-        kind: int32 [B], the row that is chosen.
-    """
-
-    def chosen(table: Array) -> Array:
-        return jnp.take_along_axis(table, kind[None], 0)[0]
-
-    fits = chosen(choices.fits)
-    size, corner = ((chosen(a), chosen(b), chosen(c)) for a, b, c in (kinds.sides, choices.corner))
-    length, width, height = (side.astype(jnp.int32) for side in size)
-    # Of all orientations of its kind one item less is left.
-    taken = (kinds.label == chosen(kinds.label)) & (state.remaining > 0) & fits
-    return BinState(
-        heights=drop(problem, state.heights, size, corner, fits),
-        remaining=state.remaining - taken,
-        used=state.used + jnp.where(fits, length * width * height, 0),
-        opened=state.opened,
-    )
+def compact(state: State, rows: int) -> State:
+    """The same with only `rows` rows: at least as many as there are of which items remain."""
+    keep = jnp.argsort(state.remaining == 0, axis=0, stable=True)[:rows]
+    kinds = state.kinds
+    columns = (kinds.sides, kinds.kind, kinds.orientation, kinds.share, state.remaining)
+    *kept, remaining = jax.tree.map(lambda column: jnp.take_along_axis(column, keep, 0), columns)
+    return state._replace(kinds=Kinds._make((*kept, *kinds[4:])), remaining=remaining)
 
 
-def order_of(kinds: Kinds, chosen: Array) -> Array:
-    """The packing order that a sequence of choices stands for.
+def _row(kinds: Kinds, choice: Choice) -> tuple[Array, Triple]:
+    """(bool [K, B], where the choice stands; its sides [B], 0 where it stands nowhere)."""
+    row = (kinds.kind == choice.kind) & (kinds.orientation == choice.orientation)
+    length, width, height = (jnp.where(row, side, 0).max(0) for side in kinds.sides)
+    return row, (length, width, height)
+
+
+def _at(places: Places, x: Array, y: Array) -> tuple[Triple, Array]:
+    """The corner at (x, y) [B], and whether it is allowed."""
+    here = (places.x == x) & (places.y == y) & places.allowed
+    z = jnp.where(here, places.z, 0).max((0, 1))
+    return (x.astype(z.dtype), y.astype(z.dtype), z), here.any((0, 1))
+
+
+def decisions_of(kinds: Kinds, chosen: Array, orientation: Array) -> Decisions:
+    """The decisions that a sequence of choices stands for, batch first: leaves [B, N].
 
     Args:
-        chosen: int32 [N, B], label of the kind chosen at each step, N where nothing was left.
+        chosen: int32 [N, B], the kind chosen at each step, N where nothing was left.
+        orientation: int32 [N, B], of the choice of each step.
 
     Returns:
-        int32 [N, B]; items that were never placed come last.
+        Items that were never placed come last.
     """
-    by_kind, member = _steps_by_kind(chosen), jnp.arange(chosen.shape[1])
-    return jnp.zeros_like(chosen).at[by_kind, member].set(kinds.items)
-
-
-def orientations_of(kinds: Kinds, chosen: Array, orientation: Array) -> Array:
-    """How every item was turned: int32 [N, B], by item.
-
-    Args:
-        chosen: see `order_of`.
-        orientation: int32 [N, B], of the choice of each step.
-    """
-    by_kind, member = _steps_by_kind(chosen), jnp.arange(chosen.shape[1])
-    in_turn = jnp.take_along_axis(orientation, by_kind, 0)
-    return jnp.zeros_like(chosen).at[kinds.items, member].set(in_turn)
-
-
-def _steps_by_kind(chosen: Array) -> Array:
-    """int32 [N, B]: the j-th of these steps placed the j-th of `Kinds.items`."""
-    steps = jax.lax.broadcasted_iota(jnp.int32, chosen.shape, 0)
-    _, by_kind = jax.lax.sort((chosen, steps), dimension=0, num_keys=1, is_stable=True)
-    return by_kind
+    steps, member = (
+        jax.lax.broadcasted_iota(jnp.int32, chosen.shape, 0),
+        jnp.arange(chosen.shape[1]),
+    )
+    # The j-th of the steps sorted like this placed the j-th of `Kinds.items`.
+    _, by_kind, in_turn = jax.lax.sort(
+        (chosen, steps, orientation), dimension=0, num_keys=1, is_stable=True
+    )
+    nothing = jnp.zeros_like(chosen)
+    order = nothing.at[by_kind, member].set(kinds.items)
+    return Decisions(order.T, nothing.at[kinds.items, member].set(in_turn).T)

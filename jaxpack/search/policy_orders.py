@@ -12,11 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.learning.bin_network import BinAwareConfig
+from jaxpack.learning.networks import Network
+from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy
-from jaxpack.learning.rollout import LANES, choose_orders
+from jaxpack.learning.rollout import LANES
 from jaxpack.model.encoding import Genes, Loading, Stock
 from jaxpack.model.problem import Instance, Problem
+from jaxpack.packing.env import Decisions
 
 CELLS = {2: range(8, 21), 3: range(6, 9)}
 """Dimension -> how many cells an axis may be cut into."""
@@ -25,7 +27,18 @@ SHAPES = (64, 256, 1024)
 STREAM = 1 << 30  # of the draws
 TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are different orders
 
-draw = partial(jax.jit, static_argnames=("problem", "config", "kinds"))(choose_orders)
+
+@partial(jax.jit, static_argnames=("problem", "network", "kinds"))
+def draw(
+    problem: Problem,
+    network: Network,
+    params: Params,
+    instances: Instance,
+    keys: Array,
+    kinds: int,
+) -> Decisions:
+    """`Network.orders`, compiled."""
+    return network.orders(problem, params, instances, keys, kinds, TEMPERATURE)
 
 
 def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, seed: int) -> Genes:
@@ -48,12 +61,9 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
         (most, depth, most), support=loading.rules.support, inclusive=loading.rules.inclusive
     )
     network = policy.config.policy
-    assert isinstance(network, BinAwareConfig)
     # Not among the keys that the search, which starts from the same seed, splits from its own.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), STREAM), LANES)
-    order, turn = draw(
-        problem, network, policy.params, instances, keys, kinds=kinds, temperature=TEMPERATURE
-    )
+    order, turn = draw(problem, network, policy.params, instances, keys, kinds)
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
     return genes._replace(order=order[:, :items], turn=jnp.where(kept, genes.turn, turn[:, :items]))

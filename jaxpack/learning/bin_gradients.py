@@ -1,98 +1,33 @@
-"""From a batch of instances to a gradient: rollouts, judgement, advantage, loss."""
+"""The bin-aware policy's gradient: rollouts, judgement, advantage, loss."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.sharding import Mesh
 
-from jaxpack.learning.bin_network import BinAwareConfig, Sight, scores
-from jaxpack.learning.losses import actor_critic_losses, leave_one_out
-from jaxpack.learning.parameters import Params, PointerConfig
-from jaxpack.learning.pointer import apply_value, sample_order
-from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.bin_network import Sight, scores
+from jaxpack.learning.losses import Outcome, judge, leave_one_out
+from jaxpack.learning.parameters import Params
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
-from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
-from jaxpack.xla.devices import PART, WHOLE, mean_over_batch
+from jaxpack.packing.table import Table
 from jaxpack.xla.target import target
 
-
-class Outcome(NamedTuple):
-    """Means over the orders of one update, float32[] each."""
-
-    cost: Array  # what is minimised
-    compactness: Array
-    pyramid: Array
-    bins: Array
-    actor_loss: Array
-    critic_loss: Array
-    entropy: Array  # nats per item
+if TYPE_CHECKING:
+    from jaxpack.learning.bin_aware import BinAwareConfig
+    from jaxpack.learning.recipe import TrainConfig
 
 
-def policy_gradient(
-    config: TrainConfig, params: Params, instances: Instance, key: Array, mesh: Mesh | None = None
-) -> tuple[Params, Outcome]:
-    """The gradient of the config's loss on a batch of instances (leaves [B, ...]).
-
-    Args:
-        mesh: the devices that share the batch, from `data_mesh`; it does not change the result.
-    """
-    network = config.policy
-    # A key for every order of the whole batch, whichever device draws it.
-    keys = jax.random.split(key, (instances.mask.shape[0], config.samples))
-
-    def gradient(params: Params, instances: Instance, keys: Array) -> tuple[Params, Outcome]:
-        if isinstance(network, PointerConfig):
-            return _pointer_gradient(config, network, params, instances, keys)
-        return _bin_aware_gradient(config, network, params, instances, keys)
-
-    mean = mean_over_batch(mesh, gradient, (WHOLE, PART, PART))
-    result: tuple[Params, Outcome] = mean(params, instances, keys)
-    return result
-
-
-def _judge(config: TrainConfig, instance: Instance, packing: Packing) -> tuple[Array, ...]:
-    measures = (compactness(instance, packing), pyramid(packing), bins_used(packing))
-    return config.cost(instance, packing), *measures
-
-
-def _pointer_gradient(
-    config: TrainConfig, network: PointerConfig, params: Params, instances: Instance, keys: Array
-) -> tuple[Params, Outcome]:
-    """Sampling and loss in one differentiable pass, Eq. (10). `keys`: [B, S]."""
-
-    def loss(params: Params) -> tuple[Array, Outcome]:
-        def outcome(instance: Instance, key: Array) -> tuple:
-            rollout = sample_order(config.problem, network, params, instance, key)
-            packing = pack(config.problem, instance, rollout.order)
-            return rollout, _judge(config, instance, packing)
-
-        def value(instance: Instance) -> Array:
-            return apply_value(config.problem, network, params, instance)
-
-        rollout, (cost, *measures) = jax.vmap(jax.vmap(outcome, (None, 0)))(instances, keys)
-        if config.learner == "critic":
-            baseline = jax.vmap(value)(instances)[:, None]
-        else:
-            baseline = cost - leave_one_out(cost)
-        losses = actor_critic_losses(rollout.log_prob, cost, baseline)
-        total = losses.actor + losses.critic
-        if config.entropy:
-            total -= config.entropy * (rollout.entropy.mean(1) * instances.mask.sum(1)).mean()
-        means = [x.mean() for x in (cost, *measures)]
-        entropy = rollout.entropy.mean()
-        return total, Outcome._make([*means, losses.actor, losses.critic, entropy])
-
-    return jax.grad(loss, has_aux=True)(params)
-
-
-def _bin_aware_gradient(
-    config: TrainConfig, network: BinAwareConfig, params: Params, instances: Instance, keys: Array
+def bin_aware_gradient(
+    network: "BinAwareConfig",
+    config: "TrainConfig",
+    params: Params,
+    instances: Instance,
+    keys: Array,
 ) -> tuple[Params, Outcome]:
     """Rollouts without gradient, then a pass over what they saw; piece by piece of the batch.
 
@@ -107,15 +42,15 @@ def _bin_aware_gradient(
     def work(total: Params, inputs: tuple[Instance, Array]) -> tuple[Params, Outcome]:
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
-        orders, turns, trace = trace_choices(
-            config.problem, network, params, repeated, keys, config.kinds
+        (orders, turns), trace = trace_choices(
+            network, Table(config.problem), params, repeated, keys, config.kinds
         )
         repeated = jax.vmap(in_orientation)(repeated, turns)
         packings = jax.vmap(partial(pack, config.problem))(repeated, orders)
-        judged = jax.vmap(partial(_judge, config))(repeated, packings)
+        judged = jax.vmap(partial(judge, config))(repeated, packings)
         if config.learner == "self-label":
             trace, weight = _best_of_each(trace, judged[0].reshape(piece, samples))
-        elif config.credit == "bin":
+        elif config.learner == "leave-one-out-by-bin":
             weight = _bin_advantages(config, repeated, packings, orders)
         else:
             weight = leave_one_out(judged[0].reshape(piece, samples)).reshape(-1)
@@ -153,15 +88,15 @@ def _best_of_each(trace: list[Trace], cost: Array) -> tuple[list[Trace], Array]:
                 remaining=sight.remaining[:, :, lanes],
                 fits=sight.fits[:, :, lanes],
             ),
-            kind[:, lanes],
+            row[:, lanes],
         )
-        for sight, kind in trace
+        for sight, row in trace
     ]
     return labels, -told_apart
 
 
 def _bin_advantages(
-    config: TrainConfig, instances: Instance, packings: Packing, orders: Array
+    config: "TrainConfig", instances: Instance, packings: Packing, orders: Array
 ) -> Array:
     """Advantage of every choice for its own bin and those after it: float32 [N, B * S].
 
@@ -182,7 +117,11 @@ def _bin_advantages(
 
 
 def _trace_gradient(
-    config: TrainConfig, network: BinAwareConfig, params: Params, trace: list[Trace], weight: Array
+    config: "TrainConfig",
+    network: "BinAwareConfig",
+    params: Params,
+    trace: list[Trace],
+    weight: Array,
 ) -> tuple[Params, Array, Array]:
     """Gradient of the mean over B of sum_t weight log P(choice), less the entropy bonus.
 
@@ -195,9 +134,9 @@ def _trace_gradient(
     lanes = weight.shape[1]
 
     def loss(params: Params, step: tuple[Trace, Array]) -> tuple[Array, tuple[Array, Array]]:
-        (sight, kind), weight = step
+        (sight, row), weight = step
         log_probs = scores(network, params, sight)
-        chosen = jnp.take_along_axis(log_probs, kind[None], 0)[0]
+        chosen = jnp.take_along_axis(log_probs, row[None], 0)[0]
         weighted = (weight * jnp.where(sight.fits.any(0), chosen, 0)).sum() / lanes
         entropy = -jnp.where(sight.fits, jnp.exp(log_probs) * log_probs, 0).sum() / lanes
         return weighted - config.entropy * entropy, (weighted, entropy)
@@ -210,7 +149,7 @@ def _trace_gradient(
     total = (jax.tree.map(jnp.zeros_like, params), (jnp.float32(0), jnp.float32(0)))
     first = 0
     for stretch in trace:
-        last = first + stretch.kind.shape[0]
+        last = first + stretch.row.shape[0]
         total, _ = jax.lax.scan(add, total, (stretch, weight[first:last]))
         first = last
     gradient, (loss_sum, entropy) = total

@@ -8,6 +8,7 @@ cell under a footprint one cell longer needs one more comparison, not a new pass
 Footprint (l, w) has row (l - 1) * window width + w - 1; F is the number of footprints.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,7 +16,9 @@ import numpy as np
 from jax import Array
 
 from jaxpack.model.problem import Problem
-from jaxpack.packing.height_map import higher, lowest
+from jaxpack.packing.height_map import cell_dtype, drop, empty_map, higher, lowest, rest
+from jaxpack.packing.surface import Triple
+from jaxpack.packing.view import LEVELS, Candidates, Outline, Places, Surroundings
 
 
 class Rests(NamedTuple):
@@ -27,18 +30,90 @@ class Rests(NamedTuple):
     supported: Array  # cell_dtype [F, *batch], cells of the footprint at height z
 
 
-class Surroundings(NamedTuple):
-    """What lies under and beside a footprint at rest, integers [F, *batch], cells."""
+class Cells(NamedTuple):
+    """A height map and what was found out about it."""
 
-    under: Array  # sum of the height map under the footprint
-    left: Array  # sum of the height map along each side, a wall counts as the bin's height
-    right: Array
-    front: Array
-    back: Array
-    gap_left: Array  # cells along the first row or column until something higher than z
-    gap_right: Array
-    gap_front: Array
-    gap_back: Array
+    heights: Array  # cell_dtype [L + window - 1, W + window - 1, B], with walls
+    at: Rests
+
+
+@dataclass(frozen=True)
+class Table:
+    """The view of bins in cells, whose rule is the paper's: see `jaxpack.packing.view`."""
+
+    problem: Problem  # the rules
+    lanes = 64  # what a network holds of them stays in a core's cache
+
+    @property
+    def dtype(self) -> np.dtype:
+        """See `cell_dtype`."""
+        return cell_dtype(self.problem)
+
+    @property
+    def cells(self) -> tuple[int, int, int]:
+        """Those of the height map."""
+        return self.problem.bin
+
+    def largest(self, bins: Array) -> Array:
+        """The table's end is one too."""
+        return jnp.minimum(bins, jnp.asarray([*self.problem.window, self.problem.bin[2]])[:, None])
+
+    def empty(self, bins: Array) -> Cells:
+        """Everything rests in the corner, on the floor."""
+        heights = empty_map(self.problem, bins)
+        area = jnp.asarray(footprints(self.problem).prod(-1), heights.dtype)[:, None]
+        nothing = jnp.zeros((len(area), bins.shape[-1]), heights.dtype)
+        return Cells(heights, Rests(nothing, nothing, nothing, nothing + area))
+
+    def corners(self, state: Cells, bins: Array, sides: Triple) -> tuple[Triple, Array]:
+        """Read off the table."""
+        row = self._row(sides)
+        x, y, z = (jnp.take_along_axis(column, row, 0) for column in state.at[:3])
+        return (x, y, z), z <= bins[2].astype(z.dtype) - sides[2]
+
+    def look(self, state: Cells, bins: Array, sides: Triple) -> Candidates:
+        """One gather of whole rows of the table instead of one per column."""
+        around = surroundings(self.problem, state.heights, bins, state.at)
+        columns = [column.astype(around.under.dtype) for column in (*state.at, *around)]
+        row = self._row(sides)
+        rows = jnp.take_along_axis(jnp.stack(columns, -1), row[..., None], 0)
+        x, y, z, supported, *beside = (rows[..., column] for column in range(rows.shape[-1]))
+        x, y, z = (place.astype(self.dtype) for place in (x, y, z))
+        # Of what rests nowhere this is beyond the type, and then the floor's.
+        top = jnp.clip((z + sides[2]).astype(jnp.int32), 0, self.problem.bin[2])
+        cells_at = _histogram(self._inside(state), self.problem.bin[2] + 1)
+        level = jnp.take_along_axis(cells_at, top, 0)
+        fits = z <= bins[2].astype(z.dtype) - sides[2]
+        return Candidates(fits, (x, y, z), supported, level, Surroundings._make(beside))
+
+    def outline(self, state: Cells, bins: Array) -> Outline:
+        """Walls are above every level."""
+        inside = self._inside(state)
+        heights = jnp.where(inside == np.iinfo(inside.dtype).max, 0, inside)
+        levels = inside.astype(jnp.int32) * LEVELS // bins[2]
+        return Outline(
+            heights.max((0, 1)), heights.sum((0, 1), dtype=jnp.int32), _histogram(levels, LEVELS)
+        )
+
+    def places(self, state: Cells, bins: Array, size: Triple) -> Places:
+        """Every cell."""
+        (L, W, _), dtype = self.problem.bin, self.dtype
+        needed = self.problem.cells_needed(size[0].astype(jnp.int32) * size[1]).astype(dtype)
+        z = rest(self.problem, state.heights, size, needed, bins[2].astype(dtype))
+        x, y = jnp.arange(L, dtype=dtype), jnp.arange(W, dtype=dtype)
+        return Places(x[:, None, None], y[None, :, None], z, z < np.iinfo(dtype).max)
+
+    def place(self, state: Cells, bins: Array, size: Triple, corner: Triple, fits: Array) -> Cells:
+        """A new table."""
+        heights = drop(self.problem, state.heights, size, corner, fits)
+        return Cells(heights, rests(self.problem, heights))
+
+    def _row(self, sides: Triple) -> Array:
+        row = (sides[0].astype(jnp.int32) - 1) * self.problem.window[1] + sides[1] - 1
+        return jnp.maximum(row, 0)
+
+    def _inside(self, state: Cells) -> Array:
+        return state.heights[: self.problem.bin[0], : self.problem.bin[1]]
 
 
 def footprints(problem: Problem) -> np.ndarray:
@@ -128,3 +203,9 @@ def surroundings(problem: Problem, heights: Array, bins: Array, at: Rests) -> Su
         gap_front=gap_front,
         gap_back=gap_back,
     )
+
+
+def _histogram(cells: Array, values: int) -> Array:
+    """How many cells [X, Y, B] have each of the values 0, 1, ...: int32 [values, B]."""
+    value = jnp.arange(values, dtype=cells.dtype).reshape(-1, 1, 1, 1)
+    return (cells == value).sum((1, 2), dtype=jnp.int32)
