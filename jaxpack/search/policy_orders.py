@@ -6,19 +6,20 @@ no more.
 """
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.learning.networks import Network
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy
-from jaxpack.learning.rollout import LANES
+from jaxpack.learning.rollout import LANES, decide
 from jaxpack.model.encoding import Genes, Loading, Stock
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import Decisions
+from jaxpack.packing.table import Table
 
 CELLS = {2: range(8, 21), 3: range(6, 9)}
 """Dimension -> how many cells an axis may be cut into."""
@@ -31,14 +32,14 @@ TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are diffe
 @partial(jax.jit, static_argnames=("problem", "network", "kinds"))
 def draw(
     problem: Problem,
-    network: Network,
+    network: Any,  # a bin-aware one
     params: Params,
     instances: Instance,
     keys: Array,
     kinds: int,
 ) -> Decisions:
-    """`Network.orders`, compiled."""
-    return network.orders(problem, params, instances, keys, kinds, TEMPERATURE)
+    """What the policy decides, compiled in as few seconds as can be."""
+    return decide(network, Table(problem), params, instances, keys, kinds, TEMPERATURE, cuts=())
 
 
 def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, seed: int) -> Genes:
