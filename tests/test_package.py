@@ -70,7 +70,14 @@ def test_every_name_is_there_for_a_program_and_for_a_type_checker():
         jaxpack.choose_turned  # noqa: B018
 
 
-PURE = {"sample", "make_train", "reset", "observe", "positions", "step"}  # made for jit: they refuse nothing
+PURE = {
+    "sample",
+    "make_train",
+    "reset",
+    "observe",
+    "positions",
+    "step",
+}  # made for jit: they refuse nothing
 
 
 @pytest.mark.parametrize("name", PUBLIC)
