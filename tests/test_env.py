@@ -1,6 +1,7 @@
 """Packing as choices, as somebody uses it who writes a training loop of their own."""
 
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -8,105 +9,193 @@ import numpy as np
 import pytest
 from cases import packer
 
-from jaxpack import Choice, Distribution, Problem, Table, observe, positions, reset, step
+from jaxpack import (
+    Choice,
+    Distribution,
+    Problem,
+    Table,
+    load_policy,
+    observe,
+    positions,
+    reset,
+    step,
+)
+from jaxpack.learning.rollout import decide
 from jaxpack.model.instances import sample
 from jaxpack.model.packing_check import check_packings
-from jaxpack.model.problem import Packing, in_orientation
+from jaxpack.model.problem import Instance, Packing, in_orientation
+from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.env import decisions_of
+from jaxpack.packing.height_map import HeightMap
+from jaxpack.packing.rules.lowest import lowest
+from jaxpack.packing.surface_view import SurfaceView, blocks_of_cells, faces_view, view_of
 
 PROBLEM = Problem(bin=(7, 6, 8), largest=(4, 4))
 ITEMS, BATCH = 14, 16
+CUBES = Distribution(ITEMS, 1, 4, "all")
 
 
-@pytest.fixture(scope="module")
-def instances():
-    return sample(PROBLEM, Distribution(ITEMS, 1, 4, "all"), jax.random.key(0), BATCH)
+def batch_last(instances):
+    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
 
 
-def played(instances, key, free):
-    """A random policy: (kind, orientation, bin, corner) of every step, and the kinds.
-
-    Args:
-        free: it chooses the position too, and not the rule.
+@cache
+def player(view, free):
+    """A random policy: instances, key -> (kinds, the end, (kind, orientation, bin, corner) of
+    every step). Where it is `free` it chooses the position too, and not the rule.
     """
+
+    def play(instances, key):
+        batch, items = instances.mask.shape
+
+        def turn(state, key):
+            keys, choices = jax.random.split(key), observe(view, state)
+            allowed = choices.allowed
+            row = jnp.argmax(jax.random.uniform(keys[0], allowed.shape) * allowed, 0)
+            choice, done = state.kinds.choice(row), ~allowed.any(0)
+            corner = [jnp.take_along_axis(c, row[None], 0)[0] for c in choices.candidates.corner]
+            if free:
+                places = positions(view, state, choice.kind, choice.orientation)
+                noise = jax.random.uniform(keys[1], places.allowed.shape) * places.allowed
+                i, j = jnp.divmod(noise.reshape(-1, batch).argmax(0), noise.shape[1])
+                lane = jnp.arange(batch)
+                x, y = (jnp.broadcast_to(at, noise.shape)[i, j, lane] for at in places[:2])
+                choice = choice._replace(position=(x, y))
+                corner = [x, y, places.z[i, j, lane]]
+            kind = jnp.where(done, items, choice.kind)
+            seen = kind, choice.orientation, state.opened - 1, jnp.stack(corner, -1)
+            return step(view, state, choice), seen
+
+        start = reset(view, batch_last(instances))
+        return start.kinds, *jax.lax.scan(turn, start, jax.random.split(key, items))
+
+    return jax.jit(play)
+
+
+def checked(problem, instances, played, label):
+    """(order, turned instances, packing) of what was played, which keeps every rule."""
+    kinds, end, (kind, orientation, bins, corners) = played
+    assert not np.asarray(end.remaining).any()
+    order, orientation = decisions_of(kinds, kind, orientation)
+    turned = jax.vmap(in_orientation)(instances, orientation)
+    batch, items = instances.mask.shape
+    lane = np.arange(batch)[:, None]
+    nothing = np.zeros((batch, items), int)
+    bin, position = nothing.copy(), np.zeros((batch, items, 3), int)
+    bin[lane, order] = np.asarray(bins).T
+    position[lane, order] = np.asarray(corners).swapaxes(0, 1)
+    packing = Packing(bin, position, nothing, nothing, nothing)
+    check_packings(problem, turned, order, packing, label)
+    assert (np.asarray(orientation) > 0).any()
+    return order, turned, packing
+
+
+def same(packing, other):
+    return bool(
+        (np.asarray(packing.bin) == other.bin).all()
+        and (np.asarray(packing.position) == other.position).all()
+    )
+
+
+@pytest.mark.parametrize(
+    ("rule", "free"), [("lowest", False), ("lowest", True), ("nearest-corner", False)]
+)
+def test_a_random_policy_packs_by_the_rules(rule, free):
+    problem = replace(PROBLEM, rule=rule)
+    instances = sample(problem, CUBES, jax.random.key(0), BATCH)
+    played = player(view_of(problem), free)(instances, jax.random.key(1))
+    order, turned, packing = checked(problem, instances, played, "the random policy")
+    # `pack` fills in the rule's positions, and only those.
+    assert same(packing, packer(problem)(turned, order)) == (not free)
+
+
+def test_what_is_not_allowed_changes_nothing():
     view = Table(PROBLEM)
-
-    def turn(state, key):
-        keys = jax.random.split(key)
-        allowed = observe(view, state).allowed
-        row = jnp.argmax(jax.random.uniform(keys[0], allowed.shape) * allowed, 0)
-        choice, done = state.kinds.choice(row), ~allowed.any(0)
-        if free:
-            places = positions(view, state, choice.kind, choice.orientation)
-            noise = jax.random.uniform(keys[1], places.allowed.shape) * places.allowed
-            x, y = jnp.divmod(noise.reshape(-1, BATCH).argmax(0), noise.shape[1])
-            choice = Choice(choice.kind, choice.orientation, (x, y))
-            corner = (x, y, places.z[x, y, jnp.arange(BATCH)])
-        else:
-            corner = observe(view, state).candidates.corner
-            corner = [jnp.take_along_axis(along, row[None], 0)[0] for along in corner]
-        kind = jnp.where(done, ITEMS, choice.kind)
-        seen = kind, choice.orientation, state.opened - 1, jnp.stack(corner, -1)
-        return step(view, state, choice), seen
-
-    last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
-    start = reset(view, last)
-    end, seen = jax.lax.scan(turn, start, jax.random.split(key, ITEMS))
-    return start.kinds, end, seen
+    instances = batch_last(sample(PROBLEM, CUBES, jax.random.key(0), BATCH))
+    state = jax.jit(partial(reset, view))(instances)
+    first = state.kinds.choice(jnp.argmax(state.remaining > 0, 0))
+    place = jax.jit(partial(step, view))
+    before = place(state, first)
+    corner = jnp.zeros(BATCH, jnp.int32)
+    assert positions(view, before, first.kind, first.orientation).allowed.any((0, 1)).all()
+    for x, y in ((corner + 7, corner), (corner - 1, corner), (corner, corner + 60)):
+        after = place(before, first._replace(position=(x, y)))
+        jax.tree.map(np.testing.assert_array_equal, after, before)
+    gone = Choice(jnp.full(BATCH, ITEMS), corner)
+    jax.tree.map(np.testing.assert_array_equal, place(before, gone), before)
 
 
-def packing_of(order, seen):
-    """What the steps placed: they went through the items in their order."""
-    _, _, bins, corners = (np.asarray(leaf) for leaf in seen)
-    lane = np.arange(BATCH)[:, None]
-    bin, position = np.zeros((BATCH, ITEMS), int), np.zeros((BATCH, ITEMS, 3), int)
-    bin[lane, order], position[lane, order] = bins.T, corners.swapaxes(0, 1)
-    nothing = np.zeros((BATCH, ITEMS), int)
-    return Packing(bin, position, nothing, nothing, nothing)
+@pytest.mark.parametrize("bin", [(10, 1, 9), (6, 5, 7)])
+def test_any_surface_shows_what_the_table_shows(bin):
+    problem = Problem(bin=bin, largest=(4, min(bin[1], 4)), inclusive=False)
+    views = Table(problem), SurfaceView(HeightMap(problem), blocks_of_cells, inclusive=False)
+    instances = batch_last(sample(problem, Distribution(18, 1, 4, "all"), jax.random.key(2), 24))
+    states = [reset(view, instances) for view in views]
+    looks = [jax.jit(partial(observe, view)) for view in views]
+    steps = [jax.jit(partial(step, view)) for view in views]
+    resting = waiting = 0
+    for number in range(18):
+        table, other = (look(state) for look, state in zip(looks, states, strict=True))
+        present = np.asarray(states[0].remaining > 0)
+        jax.tree.map(
+            lambda ours, theirs, at=present: np.testing.assert_array_equal(
+                np.asarray(ours)[at], np.asarray(theirs)[at]
+            ),
+            (table.allowed, *table.candidates),
+            (other.allowed, *other.candidates),
+        )
+        jax.tree.map(np.testing.assert_array_equal, tuple(table.outline), tuple(other.outline))
+        resting, waiting = resting + table.allowed.sum(), waiting + present.sum()
+        noise = jax.random.uniform(jax.random.key(number), present.shape)
+        row = jnp.argmax(noise * table.allowed, 0)
+        states = [
+            go(state, state.kinds.choice(row)) for go, state in zip(steps, states, strict=True)
+        ]
+    assert 0.3 < resting / waiting < 0.99, "all of it rests, or nothing: the test shows little"
+
+
+def pallets(count, items, scale=1):
+    """Orders of boxes that may be turned upright, in millimetres (times `scale`)."""
+    rng = np.random.default_rng(5)
+    kinds = rng.integers((120, 100, 60), (501, 401, 301), (count, 6, 3))
+    size = scale * np.take_along_axis(kinds, rng.integers(0, 6, (count, items, 1)), 1)
+    turned = jnp.asarray(np.stack([size, size[..., [1, 0, 2]]], 2), jnp.int32)
+    bins = jnp.full((count, 3), scale) * jnp.asarray([800, 600, 500])
+    return Instance(turned[:, :, 0], jnp.ones((count, items), bool), bins.astype(jnp.int32), turned)
+
+
+@jax.jit
+def decoded(instances, order):
+    """First fit without a grid."""
+    last = batch_last(instances)
+    x, y, z = (last.size[:, axis].astype(jnp.int16) for axis in range(3))
+    needed = PROBLEM.cells_needed(last.size[:, 0] * last.size[:, 1])
+    room = tuple(last.bin.astype(jnp.int16))
+    surface = faces_view(order.shape[1]).surface
+    placed = decode(surface, lowest, Items((x, y, z), needed, last.mask), Bins(room), order.T)
+    nothing = jnp.zeros_like(order)
+    return Packing(placed.bin.T, jnp.stack([c.T for c in placed.corner], -1), *[nothing] * 3)
 
 
 @pytest.mark.parametrize("free", [False, True])
-def test_a_random_policy_packs_by_the_rules(instances, free):
-    kinds, end, seen = jax.jit(partial(played, free=free))(instances, jax.random.key(1))
-    assert not np.asarray(end.remaining).any()
-    order, orientation = decisions_of(kinds, *seen[:2])
-    turned = jax.vmap(in_orientation)(instances, orientation)
-    packing = packing_of(np.asarray(order), seen)
-    check_packings(PROBLEM, turned, order, packing, "the random policy")
-    assert (np.asarray(orientation) > 0).any()
-    again = packer(PROBLEM)(turned, order)
-    same = (np.asarray(again.position) == packing.position).all() and (
-        np.asarray(again.bin) == packing.bin
-    ).all()
-    assert same == (not free), "pack fills in the rule's positions, and only those"
+def test_orders_in_millimetres_need_no_grid(free):
+    instances = pallets(3, 18)
+    played = player(faces_view(18), free)(instances, jax.random.key(1))
+    order, turned, packing = checked(PROBLEM, instances, played, "the random policy")
+    assert packing.bin.max() > 0
+    assert same(packing, decoded(turned, order)) == (not free)
 
 
-def test_what_is_not_allowed_changes_nothing(instances):
-    view = Table(PROBLEM)
-    last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
-    state = reset(view, last)
-    first = state.kinds.choice(jnp.argmax(observe(view, state).allowed, 0))
-    before = jax.jit(partial(step, view))(state, first)
-    corner = jnp.zeros(BATCH, jnp.int32)
-    places = positions(view, before, first.kind, first.orientation)
-    assert np.asarray(places.allowed).any((0, 1)).all()
-    for x, y in ((corner + 7, corner), (corner - 1, corner), (corner, corner + 60)):
-        after = step(view, before, first._replace(position=(x, y)))
-        jax.tree.map(np.testing.assert_array_equal, after, before)
-    gone = Choice(jnp.full(BATCH, ITEMS), corner)
-    jax.tree.map(np.testing.assert_array_equal, step(view, before, gone), before)
-
-
-def test_positions_are_where_an_item_comes_to_rest(instances):
-    view = Table(PROBLEM)
-    last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
-    state = reset(view, last)
-    for _ in range(5):
-        choices = observe(view, state)
-        row = jnp.argmax(choices.allowed, 0)
-        choice = state.kinds.choice(row)
-        places = positions(view, state, choice.kind, choice.orientation)
-        lowest = np.where(places.allowed, places.z, 99).min((0, 1))
-        rule = jnp.take_along_axis(choices.candidates.corner[2], row[None], 0)[0]
-        np.testing.assert_array_equal(lowest, rule)
-        state = step(view, state, choice)
+def test_the_shipped_policy_packs_millimetres_whatever_the_unit():
+    policy = load_policy("bin-aware-3d-turned")
+    network, instances = policy.config.policy, pallets(6, 50)
+    play = jax.jit(partial(decide, network, faces_view(50), kinds=6))
+    decisions = play(policy.params, instances)
+    finer = play(policy.params, pallets(6, 50, scale=8))
+    jax.tree.map(np.testing.assert_array_equal, decisions, finer)
+    turned = jax.vmap(in_orientation)(instances, decisions.orientation)
+    packing = decoded(turned, decisions.order)
+    check_packings(PROBLEM, turned, decisions.order, packing, "the policy")
+    as_given = instances._replace(turned=None)
+    volume = jnp.argsort(-as_given.size.prod(-1), axis=1).astype(jnp.int32)
+    assert packing.bin.max(1).sum() < decoded(as_given, volume).bin.max(1).sum()

@@ -15,7 +15,7 @@ from jaxpack.learning.bin_network import look, scores
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import Choice, Decisions, State, decisions_of, reset, step
-from jaxpack.packing.table import Table
+from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.view import View
 from jaxpack.xla.pieces import in_pieces
 
@@ -32,7 +32,7 @@ def beam_orders(
     kinds: int | None = None,
 ) -> Decisions:
     """Where the beams end, slot 0 the greedy one: leaves [B, width, N]. See `Network`."""
-    view = Table(problem)
+    view = view_of(problem)
 
     def decide(piece: Instance) -> Decisions:
         return _beams(network, view, params, piece, width, kinds)

@@ -14,7 +14,7 @@ from jaxpack.learning.parameters import Params
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
-from jaxpack.packing.table import Table
+from jaxpack.packing.surface_view import view_of
 from jaxpack.xla.target import target
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def bin_aware_gradient(
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
         (orders, turns), trace = trace_choices(
-            network, Table(config.problem), params, repeated, keys, config.kinds
+            network, view_of(config.problem), params, repeated, keys, config.kinds
         )
         repeated = jax.vmap(in_orientation)(repeated, turns)
         packings = jax.vmap(partial(pack, config.problem))(repeated, orders)

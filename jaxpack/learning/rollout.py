@@ -11,6 +11,7 @@ from jaxpack.learning.bin_network import Sight, look, scores
 from jaxpack.learning.parameters import Params
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import Choice, Decisions, State, compact, decisions_of, reset, step
+from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.table import Table
 from jaxpack.packing.view import View
 from jaxpack.xla.pieces import in_pieces
@@ -43,7 +44,7 @@ def choose_orders(
     temperature: float | None = None,
 ) -> Decisions:
     """Decisions for a batch: sampled with a typed PRNG key each, greedy without; see `Network`."""
-    return decide(network, Table(problem), params, instances, keys, kinds, temperature)
+    return decide(network, view_of(problem), params, instances, keys, kinds, temperature)
 
 
 def decide(
