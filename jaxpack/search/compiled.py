@@ -25,7 +25,7 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
-from jaxpack.model.objectives import Cost, objective_of
+from jaxpack.model.objectives import Cost
 from jaxpack.model.objectives.bins import bins_cost
 from jaxpack.packing.first_fit_exact import STAGES, ExactRules
 from jaxpack.search.local_search import (
@@ -93,7 +93,7 @@ def search(
     """
     limit = _Limit(seconds, packings)
     rules, stock = encode(loading)
-    objective = objective_of(loading.job).cost
+    objective = loading.objective.cost
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many)
     if first:
