@@ -1,7 +1,15 @@
 """Most of the time of these tests is compiling: programs that several need compile once."""
 
+import ctypes
+import gc
 import os
+import resource
 import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+import jax
+import pytest
 
 from jaxpack.xla.programs import tune_for_cpu
 
@@ -17,6 +25,22 @@ def pytest_configure(config):
         if "optimization_level" not in flags:
             os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0"
     tune_for_cpu()  # as the doors do
+
+
+MOST_MEMORY = 1200  # MiB that a worker keeps from one file of tests to the next
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _programs_leave_the_memory():
+    """Those on disk come back quickly; all of them together take gigabytes."""
+    yield
+    pages = Path("/proc/self/statm")
+    held = int(pages.read_text().split()[1]) * resource.getpagesize() if pages.exists() else 0
+    if held > MOST_MEMORY * 2**20:
+        jax.clear_caches()
+        gc.collect()
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def pytest_unconfigure(config):

@@ -65,7 +65,7 @@ def test_packings_give_the_same_plan_on_a_busy_machine(policy):
     assert other.plan != found.plan
 
 
-@pytest.mark.parametrize("number", [1, 5, 12, 60])
+@pytest.mark.parametrize("number", [1, 5, 20])
 @pytest.mark.parametrize("objective", ["", "value", "height"])
 def test_packings_are_counted_without_compiling_too(number, objective, uncompiled):
     job = Job(JOB.items, (BinType((10.0,) * 3, copies=1 if objective else None),), 3, "", objective)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 import random
 import subprocess
 import sys
@@ -363,8 +364,12 @@ MANY = Objective(
 )
 
 
-def test_an_objective_of_somebody_else_is_one_entry(monkeypatch, uncompiled):
-    """Large items first, as the sorts have them, leave no room for many."""
+def test_an_objective_of_somebody_else_is_one_entry(monkeypatch):
+    """Large items first, as the sorts have them, leave no room for many.
+
+    Its functions have no names by which another process could find them: the compiled search does
+    without.
+    """
     monkeypatch.setitem(OBJECTIVES, "many", MANY)
     goods = {"WIDTH": [10, 1], "HEIGHT": [10, 1], "COPIES": [1, 60]}
     room = {"WIDTH": [10], "HEIGHT": [10]}
@@ -386,6 +391,7 @@ def test_a_packing_costs_the_same_in_both_searches(name):
     kinds = BinType((9.0, 8.0, 7.0), 3.0, 2), BinType((6.0, 9.0, 9.0), 2.0, 1)
     job = Job(items, kinds[: 1 if name == "height" else 2], objective=name)
     loading, goal = load_job(job), OBJECTIVES[name]
+    assert pickle.loads(pickle.dumps(loading)).objective.cost is goal.cost
     stock = jax.tree.map(jnp.asarray, padded(loading.stock, 64, 16))
     for lane in range(4):
         genes = lane_genes(loading, 0, lane)

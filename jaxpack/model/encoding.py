@@ -13,7 +13,7 @@ from jaxpack.model.exact import exact
 from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
-from jaxpack.model.objectives import objective_of
+from jaxpack.model.objectives import Objective, objective_of
 from jaxpack.model.sorts import SORTS
 from jaxpack.model.units import Units, in_units, units_of
 
@@ -69,6 +69,7 @@ class Loading:
     """A job for a packer, and what its rows stand for."""
 
     job: Job
+    objective: Objective
     units: Units
     rules: Rules
     stock: Stock  # of NumPy, without padding
@@ -91,12 +92,13 @@ def load_job(
     Raises:
         UserError: naming the items that no bin can hold, unless they are to be skipped.
     """
-    job = objective_of(job).prepared(job)
+    objective = objective_of(job)
+    job = objective.prepared(job)
     units = units_of(job, resolution)
     ways = fitting_ways(job)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]
-    skip_unfit = skip_unfit or objective_of(job).leaves_out
+    skip_unfit = skip_unfit or objective.leaves_out
     if unfit and (not skip_unfit or not fit):
         raise UserError(unfit_message(job, unfit, skip_unfit))
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
@@ -106,7 +108,7 @@ def load_job(
     ]
     bins = np.repeat(np.arange(len(job.bins)), copies)
     stock = _stock(job, units, rules, ways, items, bins)
-    return Loading(job, units, rules, stock, items, ways, bins, left_out)
+    return Loading(job, objective, units, rules, stock, items, ways, bins, left_out)
 
 
 def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
@@ -158,7 +160,7 @@ def plan_of(
         place = Placement(item, loading.ways[item][way], (length[x], length[y], length[z]))
         packed.setdefault(slot, []).append(place)
     levels: dict[int, float | None] = {}
-    if objective_of(loading.job).open_bin:
+    if loading.objective.open_bin:
         top = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
         levels = {s: float(int(top[bin == s].max()) * loading.units.length) for s in packed}
     inside = [

@@ -22,6 +22,7 @@ from typing import Any
 
 from jaxpack.search.requests import DONE, STOP, Found, Request
 
+UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
 PATIENCE = 0.1  # seconds that a search has to end by itself
 _CAN_HALT = hasattr(signal, "SIGSTOP")
 
@@ -72,10 +73,15 @@ class SearchProcess:
         return not self.replies.empty()
 
     def ask(self, request: Request) -> None:
-        """Begins a search. What it finds comes from `next`, of earlier ones nothing any more."""
+        """Begins a search. What it finds comes from `next`, of earlier ones nothing any more.
+
+        Raises:
+            UNSENDABLE: one of these, where the request can be no bytes.
+        """
+        message = pickle.dumps(request, pickle.HIGHEST_PROTOCOL)
         self._go_on()
         self.running += 1
-        self._send(request)
+        self._send(message)
 
     def next(self, seconds: float) -> Found | int | None:
         """What the search that was asked for last has found, or packings tried; None if nothing."""
@@ -94,7 +100,7 @@ class SearchProcess:
         """Ends the search, or leaves it where it is. Nothing runs afterwards."""
         if not self.running or not self.alive:
             return
-        self._send(STOP)
+        self._send(pickle.dumps(STOP))
         while self.running:
             try:
                 reply = self.replies.get(timeout=PATIENCE)
@@ -135,10 +141,10 @@ class SearchProcess:
             self.process.send_signal(signal.SIGCONT)
             self.halted = False
 
-    def _send(self, message: Any) -> None:
+    def _send(self, message: bytes) -> None:
         assert self.process.stdin
         with contextlib.suppress(OSError):
-            pickle.dump(message, self.process.stdin, pickle.HIGHEST_PROTOCOL)
+            self.process.stdin.write(message)
             self.process.stdin.flush()
 
     def _receive(

@@ -25,7 +25,6 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
-from jaxpack.model.objectives import objective_of
 from jaxpack.packing.top_faces import SHORT, TopFaces
 from jaxpack.search.local_search import (
     ANNEAL,
@@ -59,7 +58,7 @@ def encode(loading: Loading) -> tuple[Decoding, Stock]:
     stock = padded(loading.stock, items, bins)
     with jax.enable_x64(True):  # areas and weights may have 64 bits
         on_device: Stock = jax.tree.map(jnp.asarray, stock)
-    return Decoding(surface, loading.rules.rule, objective_of(loading.job).cost), on_device
+    return Decoding(surface, loading.rules.rule, loading.objective.cost), on_device
 
 
 def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:

@@ -1,7 +1,6 @@
 """From a job to a plan, in the time that is given: the best of everything that was tried."""
 
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import islice
@@ -16,7 +15,7 @@ from jaxpack.model.figures import total_cost
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.objectives import bounds, gap, objective_of
 from jaxpack.model.plan_check import check_plan
-from jaxpack.search.background import SearchProcess, borrow, give_back
+from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
 from jaxpack.search.quick import SORTS, Best, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
@@ -170,7 +169,6 @@ class _Record:
     def __init__(self, job: Job, loading: Loading, bounds: Bounds, begun: float) -> None:
         self.job, self.loading, self.bounds, self.begun = job, loading, bounds, begun
         self.packings, self.cost = 0, inf
-        self.worth = objective_of(loading.job).worth
         self.plan: Plan | None = None
 
     def with_one(self, found: Best | None, tried: int) -> Progress | None:
@@ -182,8 +180,8 @@ class _Record:
         genes, loading = found.genes, self.loading
         types = cheapest_types(loading, genes.turn, found.bin, found.corner)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
-        worth = self.worth(loading.job, plan)
-        if self.plan and worth >= self.worth(loading.job, self.plan):
+        worth = loading.objective.worth(loading.job, plan)
+        if self.plan and worth >= loading.objective.worth(loading.job, self.plan):
             return None
         check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
         self.plan = plan
@@ -217,12 +215,8 @@ class _Searches:
         if self.options.packings is not None:
             yield from self._counted(best, self.options.packings - 1)
             return
-        if not compiles(self.loading) or self.late():
-            yield from self._quickly(best, self.late)
-            return
-        try:
-            process = borrow()
-        except OSError:  # an embedded interpreter, or no room for another process
+        process = self._asked(best)
+        if process is None:
             yield from self._quickly(best, self.late)
             return
         try:
@@ -250,32 +244,34 @@ class _Searches:
         for found, tried in islice(self._quickly(best, self.late, sorts), sorts):
             best, left = _better(best, found), left - tried
             yield found, tried
-        if left and compiles(self.loading) and not self.late():
-            with closing(self._asked(best, left)) as replies:
-                for found, tried in replies:
-                    best, left = _better(best, found), left - tried
-                    yield found, tried
+        if left and (process := self._asked(best, left)):
+            try:
+                while process.running and process.alive and not self.late():
+                    for found, tried in self._reply(process):
+                        best, left = _better(best, found), left - tried
+                        yield found, tried
+            finally:
+                give_back(process)
         yield from islice(self._quickly(best, self.late, sorts=0), left)
 
-    def _asked(self, best: Best, packings: int) -> Generator[tuple[Best | None, int]]:
-        """What the compiled search finds in so many packings."""
+    def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
+        """A process that begins the compiled search, if there is one for the job."""
+        if not compiles(self.loading) or self.late():
+            return None
+        loading, seed = self.loading, self.options.seed
+        draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
+        policy = f"bin-aware-{loading.job.dimension}d-turned" if draws else ""
+        left = self.end - perf_counter()
         try:
             process = borrow()
-        except OSError:
-            return
+        except OSError:  # an embedded interpreter, or no room for another process
+            return None
         try:
-            process.ask(self._request(best, packings))
-            while process.running and process.alive and not self.late():
-                yield from self._reply(process)
-        finally:
+            process.ask(Request(loading, seed, left, best.genes, policy, packings))
+        except UNSENDABLE:  # an objective that has no name in any module
             give_back(process)
-
-    def _request(self, best: Best, packings: int | None = None) -> Request:
-        job = self.loading.job
-        draws = self.options.policy and not objective_of(job).open_bin  # it sees shares of a bin
-        policy = f"bin-aware-{job.dimension}d-turned" if draws else ""
-        left = self.end - perf_counter()
-        return Request(self.loading, self.options.seed, left, best.genes, policy, packings)
+            return None
+        return process
 
     def _reply(self, process: SearchProcess) -> Iterator[tuple[Best | None, int]]:
         """Its next packing, if one comes soon."""
@@ -288,7 +284,6 @@ class _Searches:
 
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
         self.ready = False
-        process.ask(self._request(best))
         yield from self._quickly(best, lambda: self.late() or process.ready)
         while not self.late():
             yield from self._reply(process)

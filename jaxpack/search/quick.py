@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, lane_genes
-from jaxpack.model.objectives import Placed, objective_of
+from jaxpack.model.objectives import Placed
 from jaxpack.packing.rules import RULES, Rule, rule_named
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
@@ -44,7 +44,7 @@ def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Be
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
-        if objective_of(loading.job).open_bin:
+        if loading.objective.open_bin:
             genes = _low_columns(loading, genes, bin, corner)
         else:
             genes = stand_in_columns(loading, genes, bin, corner)
@@ -240,7 +240,7 @@ def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray)
     """What a packing costs to the search: see `Objective.cost`."""
     lies = loading.stock.sizes[np.arange(len(bin)), genes.turn]
     placed = Placed(bin, corner, lies)
-    return float(objective_of(loading.job).cost(np, loading.stock, placed))
+    return float(loading.objective.cost(np, loading.stock, placed))
 
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:

@@ -27,6 +27,10 @@ def _bound(job: Job, seconds: float | None) -> Bounds:
     return Bounds(0, 0.0, goods.unfit, worth, float(most))
 
 
+def _value(job: Job, plan: Plan) -> float:
+    return float(plan_profit(job, plan))
+
+
 def _total(job: Job) -> float:
     return float(sum(profit_of(item) * item.copies for item in job.items))
 
@@ -43,7 +47,7 @@ VALUE = Objective(
     minimised="greatest value, then the fewest bins, then the least volume of bins",
     worth=_worth,
     bound=_bound,
-    measure=lambda job, plan: float(plan_profit(job, plan)),
+    measure=_value,
     cost=_cost,
     figure="value",
     total=_total,
