@@ -157,9 +157,8 @@ def solve(
 ) -> Solution:
     """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
 
-    With costs of bins the least cost comes first, then the fewest bins, then the least volume of
-    bins; without costs the fewest bins, then their volume. What fits is left out only where there
-    are too few bins.
+    With costs of bins the least cost comes first, then the fewest bins, then the least volume;
+    without costs the fewest bins. What fits is left out only where there are too few bins.
 
     Args:
         items: a `Job`; or the path of a file; or a table with the columns of the CSV files: a data
@@ -182,9 +181,8 @@ def solve(
             same on one machine, however busy that is.
         rule: which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
             least-wasted, a key of `jaxpack.packing.rules.RULES`.
-        progress: called with every better plan: its `measure`, `bound`, `gap`, `plan`, `bins`,
-            `seconds` and `packings` so far. If it returns something true, the search ends as by an
-            interrupt.
+        progress: called with every better `Progress`: its plan, measure, bound and gap, seconds and
+            packings so far. If it returns something true, the search ends as by an interrupt.
 
     Returns:
         The best plan found, checked, in the units of the tables.

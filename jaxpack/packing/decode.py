@@ -102,54 +102,106 @@ def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array)
 
 
 def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
-    N, batch = items.waiting.shape
-    S = N if bins.limit is None else len(bins.limit)
-    (length, width, height), dtype = items.size, surface.dtype
-    slots = _narrowest(("int8", "int16", "int32"), S)
-    # Up to twice N: what comes before the current item is offered to the next bin.
-    ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * N)
-    fetched, rank_of = _by_rank(items, order, ranks)
-    many = N >= MANY_ITEMS or bins.limit is not None
-    stock = None if bins.limit is None else _Stock(items, bins, surface.most or N, rank_of)
+    turns = _Turns(surface, rule, items, bins, order)
+    done = jax.lax.while_loop(turns.more, turns.some, turns.start())
+    x, *y, z = done.corner
+    return Placed(jnp.maximum(done.bin, -1), (x, y[0] if y else jnp.zeros_like(x), z))
 
-    def turn(now: _Turn) -> _Turn:
-        size, needed, weight = now.item
-        found, room = now.rank < N, now.room or bins.size
-        candidates, state = surface.candidates(now.state, size, needed, room, found)
-        corner, fits = candidates.first(rule)
+
+class _Turns:
+    """The loop of the decoder, and what does not change in it."""
+
+    def __init__(
+        self, surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
+    ) -> None:
+        self.surface, self.rule, self.items, self.bins = surface, rule, items, bins
+        self.N = len(items.waiting)
+        limited = bins.limit is not None
+        self.S = self.N if bins.limit is None else len(bins.limit)
+        self.slots = _narrowest(("int8", "int16", "int32"), self.S)
+        # Up to twice N: what comes before the current item is offered to the next bin.
+        self.ranks = _narrowest(("uint8", "uint16", "uint32"), 2 * self.N)
+        self.fetched, self.rank_of = _by_rank(items, order, self.ranks)
+        self.many = self.N >= MANY_ITEMS or limited
+        most = surface.most or self.N
+        self.stock = _Stock(items, bins, most, self.rank_of) if limited else None
+
+    def start(self) -> _Turn:
+        """Before the first turn."""
+        waiting, dtype = self.items.waiting, self.surface.dtype
+        bin = jnp.where(waiting, -1, -2).astype(self.slots)
+        slot = jnp.zeros(waiting.shape[1], self.slots)
+        if self.stock is None:
+            left, room = None, self.bins.size
+            rank = least(jnp.where(waiting, self.rank_of, self.ranks.type(self.N)), 1)
+        else:
+            left, room = self.stock.opened(slot, waiting.sum(0, dtype=jnp.int32))
+            rank = self.stock.following(bin, jnp.zeros_like(waiting), left, left) - self.N
+        rank = rank.astype(self.ranks)
+        return _Turn(
+            state=self.surface.empty(room),
+            room=None if self.stock is None else room,
+            slot=slot,
+            began=jnp.zeros(len(slot), bool),
+            rank=rank,
+            item=self.fetched(rank),
+            left=left,
+            shut=jnp.zeros((self.N if self.many else 1, len(slot)), bool),
+            bin=bin,
+            corner=(jnp.zeros(waiting.shape, dtype),) * (2 if self.surface.flat else 3),
+        )
+
+    def more(self, now: _Turn) -> Array:
+        """Whether anything is left to offer."""
+        if now.left is None:
+            return (now.rank < self.N).any()
+        return ((now.left.waiting > 0) & (now.slot < self.S)).any()
+
+    def some(self, now: _Turn) -> _Turn:
+        """So many turns as the target wants at once, of no effect once nothing is left."""
+        for _ in range(target().turns):
+            now = self.turn(now)
+        return now
+
+    def turn(self, now: _Turn) -> _Turn:
+        """Offers one item to one bin."""
+        (size, needed, weight), (length, width, height) = now.item, self.items.size
+        found, room = now.rank < self.N, now.room or self.bins.size
+        candidates, state = self.surface.candidates(now.state, size, needed, room, found)
+        corner, fits = candidates.first(self.rule)
         fits &= found
-        here = (rank_of == now.rank) & fits
-        bin = jnp.where(here, now.slot, now.bin)
-        kept = corner[::2] if surface.flat else corner
-        left, shut = now.left, now.shut
-        if many:
+        here = (self.rank_of == now.rank) & fits
+        bin, shut = jnp.where(here, now.slot, now.bin), now.shut
+        kept = corner[::2] if self.surface.flat else corner
+        if self.many:
             # What is like a refused item, or higher, is refused too until something comes in.
             shut |= (length == size[0]) & (width == size[1]) & (height >= size[2])
             shut &= ~fits
-        began, ahead = now.began | fits, (rank_of > now.rank) & ~shut
-        if stock is None or left is None or weight is None:
-            following = jnp.where(ahead, rank_of, rank_of + N)
-            following = least(jnp.where(bin == -1, following, ranks.type(2 * N)), 1)
-            # A bin that took nothing is the end: what is left fits no bin.
-            opens, slot = (following >= N) & began, now.slot + 1
+        began, ahead = now.began | fits, (self.rank_of > now.rank) & ~shut
+        left, slot = now.left, now.slot + 1
+        if self.stock is None or left is None or weight is None:
+            following = jnp.where(ahead, self.rank_of, self.rank_of + self.N)
+            following = least(jnp.where(bin == -1, following, self.ranks.type(2 * self.N)), 1)
+            opens = (following >= self.N) & began  # or else what is left fits no bin
         else:
-            left = stock.without(left, size, weight, fits)
-            slot = stock.after(now.slot, began)
-            fresh, other = stock.opened(slot, left.waiting)
-            following = stock.following(bin, ahead, left, fresh)
-            opens = (following >= N) & (left.waiting > 0) & (now.slot < S)
+            left = self.stock.without(left, size, weight, fits)
+            slot = self.stock.after(now.slot, began)
+            fresh, other = self.stock.opened(slot, left.waiting)
+            following = self.stock.following(bin, ahead, left, fresh)
+            opens = (following >= self.N) & (left.waiting > 0) & (now.slot < self.S)
             left, room = jax.tree.map(
                 lambda new, old: jnp.where(opens, new, old), (fresh, other), (left, room)
             )
-        rank = jnp.where(opens, following - N, jnp.minimum(following, N)).astype(ranks)
+        rank = jnp.where(opens, following - self.N, jnp.minimum(following, self.N))
+        rank = rank.astype(self.ranks)
         return _Turn(
-            state=surface.place(state, size, corner, fits, room, opens),
+            state=self.surface.place(state, size, corner, fits, room, opens),
             room=now.room and room,
-            slot=jnp.where(opens, slot, now.slot).astype(slots),
+            slot=jnp.where(opens, slot, now.slot).astype(self.slots),
             began=began & ~opens,
             rank=rank,
             # Fetched here and carried: fetched where it is used, XLA fuses it into every cell.
-            item=fetched(rank),
+            item=self.fetched(rank),
             left=left,
             shut=shut & ~opens,
             bin=bin,
@@ -157,35 +209,6 @@ def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
                 jnp.where(here, new, old) for new, old in zip(kept, now.corner, strict=True)
             ),
         )
-
-    def turns(now: _Turn) -> _Turn:
-        for _ in range(target().turns):
-            now = turn(now)  # of no effect once nothing is left
-        return now
-
-    def more(now: _Turn) -> Array:
-        if now.left is None:
-            return (now.rank < N).any()
-        return ((now.left.waiting > 0) & (now.slot < S)).any()
-
-    bin = jnp.where(items.waiting, -1, -2).astype(slots)
-    slot = jnp.zeros(batch, slots)
-    if stock is None:
-        left, room = None, bins.size
-        rank = least(jnp.where(items.waiting, rank_of, ranks.type(N)), 1)
-    else:
-        left, room = stock.opened(slot, items.waiting.sum(0, dtype=jnp.int32))
-        rank = stock.following(bin, jnp.zeros_like(items.waiting), left, left) - N
-    nothing = jnp.zeros((N, batch), dtype)
-    rank = rank.astype(ranks)
-    start = _Turn(
-        surface.empty(room), None if stock is None else room, slot, jnp.zeros(batch, bool), rank,
-        fetched(rank), left, jnp.zeros((N if many else 1, batch), bool), bin,
-        (nothing,) * (2 if surface.flat else 3),
-    )  # fmt: skip
-    done = jax.lax.while_loop(more, turns, start)
-    x, *y, z = done.corner
-    return Placed(jnp.maximum(done.bin, -1), (x, y[0] if y else nothing, z))
 
 
 class _Stock:

@@ -61,10 +61,13 @@ def encode(loading: Loading) -> tuple[Decoding, Stock]:
     return Decoding(surface, loading.rules.rule, loading.objective.cost), on_device
 
 
-def first_genes(loading: Loading, stock: Stock, seed: int, lanes: int) -> Genes:
-    """So many sorts for a padded stock: leaves [lanes, ...]."""
-    items, bins = len(stock.mask), len(stock.price)
-    rows = [padded_genes(lane_genes(loading, seed, n), items, bins) for n in range(lanes)]
+def first_genes(
+    loading: Loading, stock: Stock, seed: int, lanes: int, given: Genes | None = None
+) -> Genes:
+    """So many sorts for a padded stock: leaves [lanes, ...]; the first one may be given."""
+    own = [given or lane_genes(loading, seed, 0)]
+    own += [lane_genes(loading, seed, lane) for lane in range(1, lanes)]
+    rows = [padded_genes(genes, len(stock.mask), len(stock.price)) for genes in own]
     return Genes(*map(np.stack, zip(*rows, strict=True)))
 
 
@@ -94,12 +97,7 @@ def search(
     limit = _Limit(seconds, packings)
     decoding, stock = encode(loading)
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
-    genes = first_genes(loading, stock, seed, many)
-    if first:
-        given = padded_genes(first, len(stock.mask), len(stock.price))
-        genes = jax.tree.map(
-            lambda lanes, one: np.concatenate([one[None], lanes[1:]]), genes, given
-        )
+    genes = first_genes(loading, stock, seed, many, first)
     if packings is not None and packings < many:
         return
     lanes = dispatch(decoding, stock, fresh_lanes(seed_of(seed), to_device(genes)))
