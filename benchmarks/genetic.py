@@ -17,7 +17,7 @@ from pymoo.optimize import minimize
 from benchmarks.native import pack_native
 from benchmarks.timing import compiled, cores, report, seconds
 from jaxpack import pack, preset, sample
-from jaxpack.model.objectives import bins_first_cost
+from jaxpack.model.metrics import bins_first_cost
 from jaxpack.search.brkga import BrkgaConfig, brkga
 from jaxpack.xla.devices import by_batch, data_mesh, on_all, split_batch
 

@@ -23,7 +23,7 @@ from jaxpack import Cell, Comparison, pack, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.learning.trainer import init_state, train_chunk
-from jaxpack.model.objectives import bins_used, compactness, pyramid
+from jaxpack.model.metrics import bins_used, compactness, pyramid
 
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
