@@ -159,6 +159,9 @@ def test_the_command_packs_the_best_subset_and_the_check_knows_it(tmp_path):
     assert code == 2
     assert "key 'profit': 7, but this job has 8: is it of another job?" in errors[-1]
     write(tmp_path, items=ITEMS)
+    (tmp_path / "q.json").write_text((tmp_path / "p.json").read_text().replace('"value"', '"fun"'))
+    code, _, errors = run(tmp_path, "check", "q.json", *files)
+    assert (code, "q.json: key 'objective': objective 'fun': choose" in errors[-1]) == (2, True)
     options = ("--time-limit", "1", "--objective", "value", "--out", "p.csv")
     assert run(tmp_path, "solve", *files, *options)[0] == 0
     assert run(tmp_path, "check", "p.csv", *files)[0] == 2

@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from jaxpack.errors import UserError
 from jaxpack.io.certificates import alike
 from jaxpack.io.steps import Step, sides_of, steps_of
 from jaxpack.io.texts import (
@@ -22,7 +23,7 @@ from jaxpack.io.texts import (
 from jaxpack.model.figures import profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.numbers import as_number, as_size, fault, plain, show
-from jaxpack.model.objectives import objective_of
+from jaxpack.model.objectives import named, objective_of
 
 
 def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
@@ -78,11 +79,17 @@ def plan_objective(path: Path) -> str:
     """What a plan that `write_plan_json` wrote says that it is for; "" if nothing.
 
     Raises:
-        UserError: where it cannot be read, or that is no text.
+        UserError: where it cannot be read, or there is no such objective.
     """
     data = read_json(path)
-    says = isinstance(data, dict) and "objective" in data and "job" in data
-    return member(data, "objective", str, str(path)) if says else ""
+    if not isinstance(data, dict) or "objective" not in data or "job" not in data:
+        return ""
+    name: str = member(data, "objective", str, str(path))
+    try:
+        named(name)
+    except UserError as error:
+        raise fault(path, "key 'objective'", error) from None
+    return name
 
 
 def read_plan_json(path: Path, job: Job) -> Plan:
