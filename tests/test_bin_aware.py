@@ -335,7 +335,7 @@ def test_recipes_that_do_not_go_together_are_refused():
         ({"learner": "critic"}, "choose leave-one-out or leave-one-out-by-bin or self-label"),
         ({"learner": "luck"}, "those that the bin-aware network has for objective bins"),
         ({"schedule": "steps"}, "choose constant or cosine"),
-        ({"objective": "speed"}, "choose paper or bins"),
+        ({"objective": "speed"}, "choose bins or paper"),
         ({"entropy": -1.0}, "give 0 or more"),
         (
             {"learner": "leave-one-out-by-bin", "objective": "paper"},

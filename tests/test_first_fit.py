@@ -12,7 +12,8 @@ from cases import packer, random_cases
 from jaxpack.learning.presets import preset
 from jaxpack.model.metrics import paper_cost
 from jaxpack.model.problem import Instance, Problem, make_instance
-from jaxpack.packing.first_fit import LANES, MANY_ITEMS, pack
+from jaxpack.packing.decode import MANY_ITEMS
+from jaxpack.packing.first_fit import LANES, pack
 from jaxpack.packing.height_map import empty_map, rest
 
 SMALL_3D = Problem(bin=(4, 3, 5), support=0.5, inclusive=False)

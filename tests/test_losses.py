@@ -12,7 +12,7 @@ from jaxpack import Problem, make_instance, pack
 from jaxpack.learning.losses import actor_critic_losses, leave_one_out
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.pointer_network import init_pointer, sample_order, score_order
-from jaxpack.model.objectives import paper_cost
+from jaxpack.model.metrics import paper_cost
 
 PROBLEM = Problem(bin=(5, 1, 5))
 CONFIG = PointerConfig(hidden=8, critic=4)
