@@ -82,9 +82,6 @@ def search(
 ) -> Iterator[tuple[Best, int]]:
     """(the best packing so far, packings tried since), until the time is up or it is not wanted.
 
-    Within a number of packings the same ones come on every run: then neither the clock nor the
-    number of cores has a say in what is tried.
-
     Args:
         loading: the job, one that `compiles`.
         seed: of the random choices.
@@ -92,7 +89,7 @@ def search(
         first: of one lane, to begin with besides the sorts.
         policy: a bin-aware one for the job's dimension; the search goes on from its orders too.
         wanted: asked between dispatches.
-        packings: that are tried at most.
+        packings: at most; neither the clock nor the cores have a say in what is tried then.
     """
     limit = _Limit(seconds, packings)
     decoding, stock = encode(loading)
@@ -106,11 +103,7 @@ def search(
     drawn, guests = None, list[Genes]()
     with ThreadPoolExecutor() as threads:
         if policy:
-            own = jax.tree.map(
-                np.asarray, padded(loading.stock, *map(len, (stock.mask, stock.price)))
-            )
-            sorts = to_device(first_genes(loading, stock, seed, DRAWN))
-            drawn = threads.submit(policy_genes, loading, own, sorts, policy, seed)
+            drawn = threads.submit(_draws, loading, stock, policy, seed)
             if packings is not None:
                 guests, drawn = _parts(drawn, many), None
         # Two on every core, which take turns: the even ones breed, the odd ones anneal.
@@ -190,6 +183,13 @@ def dispatch(
 def seed_of(seed: int, island: int = 0) -> np.ndarray:
     """The data of a PRNG key, as NumPy's: to make a key would take a program."""
     return np.array([island, seed], np.uint32)
+
+
+def _draws(loading: Loading, stock: Stock, policy: Policy, seed: int) -> Genes:
+    """The policy's orders for a padded stock."""
+    own = padded(loading.stock, *map(len, (stock.mask, stock.price)))
+    sorts = to_device(first_genes(loading, stock, seed, DRAWN))
+    return policy_genes(loading, own, sorts, policy, seed)
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:

@@ -14,7 +14,7 @@ from jaxpack.model.objectives.base import Objective, Placed
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
 
-STEEP = 4.0  # cost of the height that the volume needs: changes then cost as much as for `bins`
+STEEP = 8.0  # cost of the height that the volume needs, as for the value: 1 % is 0.08
 OF_LEVEL = 0.1  # of that, what is low beside the highest counts
 
 
