@@ -13,6 +13,7 @@ from time import perf_counter
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES as DRAWN
@@ -180,9 +181,9 @@ def dispatch(
     return jax.block_until_ready(advance(decoding, stock, lanes, *numbers))
 
 
-def seed_of(seed: int, island: int = 0) -> np.ndarray:
-    """The data of a PRNG key, as NumPy's: to make a key would take a program."""
-    return np.array([island, seed], np.uint32)
+def seed_of(seed: int, island: int = 0) -> Array:
+    """The data of a PRNG key, uint32 [2]: to make a key would take a program."""
+    return jnp.asarray(np.array([island, seed], np.uint32))
 
 
 def _draws(loading: Loading, stock: Stock, policy: Policy, seed: int) -> Genes:

@@ -67,13 +67,15 @@ class Lanes(NamedTuple):
     best: Best
 
 
-def fresh_lanes(seed: np.ndarray, genes: Genes) -> Lanes:
-    """Lanes that have not been packed yet; of NumPy, as all that JAX does takes a program."""
+def fresh_lanes(seed: Array, genes: Genes) -> Lanes:
+    """Lanes that have not been packed yet; made in NumPy, as all that JAX does takes a program."""
     P, N = genes.order.shape
     first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], genes)
     nothing = np.full((P, N), -1, np.int32)
     best = Best(first, nothing[0], np.zeros((N, 3), np.int32), np.float32(np.inf))
-    return Lanes(seed, np.int32(0), genes, nothing, np.full(P, np.inf, np.float32), best)
+    costs = np.full(P, np.inf, np.float32)
+    lanes: Lanes = jax.tree.map(jnp.asarray, Lanes(seed, np.int32(0), genes, nothing, costs, best))
+    return lanes
 
 
 def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[Array, Array, Array]:
