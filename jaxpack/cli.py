@@ -97,8 +97,8 @@ def prepare_jax() -> None:
     """
     import jax  # a second
 
+    from jaxpack.xla.environment import cache_folder
     from jaxpack.xla.programs import tune_for_cpu
-    from jaxpack.xla.target import cache_folder
 
     tune_for_cpu()
     jax.config.update("jax_compilation_cache_dir", str(cache_folder()))

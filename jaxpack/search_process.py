@@ -4,7 +4,7 @@ Whoever started it may leave at any time. A program that is being compiled then 
 keeps it for the next one, and the process ends.
 """
 
-import ctypes
+# Few imports: it must not take long before `_wake_without_parent`.
 import os
 import pickle
 import signal
@@ -14,14 +14,10 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from jaxpack.cli import prepare_jax
-from jaxpack.errors import UserError
-from jaxpack.io.locks import held
-from jaxpack.model.encoding import Genes
-from jaxpack.search.requests import DONE, STOP, Found, Request
-from jaxpack.xla.target import cache_folder
+if TYPE_CHECKING:
+    from jaxpack.search.requests import Request
 
 KEPT = 32  # searches after which programs leave the memory: those on disk come back quickly
 
@@ -31,15 +27,21 @@ until_the_end = ExitStack()  # of the process
 
 def main() -> None:
     """Serves requests from standard input until it ends."""
-    _wake_without_parent()
     replies = os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # whatever else is printed is not a reply
+    _wake_without_parent()
+
+    from jaxpack.search.requests import DONE, STARTED, STOP
+
+    _send(replies, STARTED)
     requests = SimpleQueue[Any]()
     told: list[bool] = []  # of everything that comes in, whether it is a request
     Thread(target=_receive, args=(sys.stdin.buffer, requests, told), daemon=True).start()
 
     import jax  # a second, in which requests are received
+
+    from jaxpack.cli import prepare_jax
 
     prepare_jax()
     handled = served = 0
@@ -56,6 +58,8 @@ def main() -> None:
 
 
 def _receive(source: IO[bytes], requests: SimpleQueue[Any], told: list[bool]) -> None:
+    from jaxpack.search.requests import Request
+
     while True:
         try:
             message = pickle.load(source)
@@ -72,6 +76,10 @@ def _step_back() -> None:
     """Ends here where it would be in the way: who is left alone has the lowest priority, and there
     is one of them for each folder of programs.
     """
+    from jaxpack.errors import UserError
+    from jaxpack.io.locks import held
+    from jaxpack.xla.environment import cache_folder
+
     try:
         cache_folder().mkdir(parents=True, exist_ok=True)
         until_the_end.enter_context(held(cache_folder() / ".finishing", "another one has it"))
@@ -90,17 +98,23 @@ def _step_back() -> None:
 
 def _wake_without_parent() -> None:
     """Where this process is halted and the other one is killed, it has to go on to notice that."""
+    if hasattr(signal, "SIGHUP"):  # comes to who is left alone while halted
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if sys.platform == "linux":
+        import ctypes
+
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGCONT, 0, 0, 0)
 
 
-def _serve(request: Request, replies: IO[bytes], wanted: Callable[[], bool]) -> None:
+def _serve(request: "Request", replies: IO[bytes], wanted: Callable[[], bool]) -> None:
     import jax
     import numpy as np
 
     from jaxpack.io.weights import load_policy
+    from jaxpack.model.encoding import Genes
     from jaxpack.search.compiled import search
+    from jaxpack.search.requests import Found
 
     loading, count, slots = request.loading, len(request.loading.items), len(request.loading.bins)
     policy = load_policy(request.policy) if request.policy else None

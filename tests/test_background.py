@@ -149,13 +149,25 @@ items = [dict(zip("XYZ", size)) for size in %s]
 jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
 print(background._waiting[0].process.pid, flush=True)
 """
+LEFT_AT_ONCE = """
+from jaxpack.model.encoding import lane_genes, load_job
+from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.search import background, requests
+items = tuple(ItemType(tuple(size)) for size in %s)
+loading = load_job(Job(items, (BinType((10.0,) * 3),)))
+process = background.borrow()
+process.ask(requests.Request(loading, 0, 1.0, lane_genes(loading, 0, 0), ""))
+background.give_back(process)
+print(process.process.pid, flush=True)
+"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", [False, True])
-def test_nobody_waits_for_it_and_it_does_not_stay(killed, tmp_path):
+@pytest.mark.parametrize("script", [SCRIPT, LEFT_AT_ONCE])
+def test_nobody_waits_for_it_and_it_does_not_stay(script, killed, tmp_path):
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
-    script = SCRIPT % SIZES + "import time; time.sleep(1000)" * killed
+    script = script % SIZES + "import time; time.sleep(1000)" * killed
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", script], env=environment, **pipes) as running:
         left = psutil.Process(int(running.stdout.readline()))

@@ -20,10 +20,12 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from jaxpack.search.requests import DONE, STOP, Found, Request
+from jaxpack.search.requests import DONE, STARTED, STOP, Found, Request
+from jaxpack.xla.environment import environment_of_another
 
 UNSENDABLE = (pickle.PicklingError, AttributeError, TypeError)
 PATIENCE = 0.1  # seconds that a search has to end by itself
+LISTENING = 1.0  # seconds after which a process that has not begun is not waited for
 _CAN_HALT = hasattr(signal, "SIGSTOP")
 
 
@@ -38,14 +40,13 @@ class SearchProcess:
         """
         if not sys.executable:
             raise FileNotFoundError("an embedded interpreter has no program of its own")
-        root = str(Path(__file__).parents[2])
-        path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
-        environment = os.environ | {"PYTHONPATH": path, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
+        environment = environment_of_another(Path(__file__).parents[2])
         # A group of its own: Ctrl-C is not for it.
         own_group: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {}
         self.owner = os.getpid()
         self.replies = SimpleQueue[Any]()
         self.running = 0  # searches that were asked for and have not ended
+        self.listening = threading.Event()  # to signals, see `_halt`
         self.halted = False
         # By the thread that lives as long as it does: its end is a signal to the process.
         start = partial(
@@ -129,7 +130,9 @@ class SearchProcess:
         self.reader.join()
 
     def _halt(self) -> None:
-        if not _CAN_HALT:
+        # Halted before it has said what is to happen when this process ends, it would lie there for
+        # ever then, or be ended by the hangup that halted processes get.
+        if not _CAN_HALT or not self.listening.wait(LISTENING):
             self.kill()
             return
         with contextlib.suppress(OSError):
@@ -161,7 +164,11 @@ class SearchProcess:
         assert process.stdout
         with process.stdout as replies, contextlib.suppress(EOFError, pickle.UnpicklingError):
             while True:
-                self.replies.put(pickle.load(replies))
+                reply = pickle.load(replies)
+                if reply == STARTED:
+                    self.listening.set()
+                else:
+                    self.replies.put(reply)
 
 
 _waiting: list[SearchProcess] = []

@@ -168,10 +168,10 @@ def advance(
         key = jax.random.fold_in(jax.random.wrap_key_data(lanes.seed), lanes.round)
         drawn = jax.random.uniform(key, (P, 3 * N + CHANGES))
         proposals: list[Callable] = [_as_given, _annealed, partial(_bred, decoding.breeding)]
-        new = jax.lax.switch(how, proposals, stock, drawn, lanes)
+        new = jax.lax.switch(how, proposals, stock, drawn, lanes, heat)
         genes = Genes(jnp.argsort(new.place).astype(jnp.int32), new.turn, new.pool)
         bin, corner, cost = pack_lanes(decoding, stock, genes)
-        kept = cost <= lanes.cost + heat * new.rises
+        kept = cost <= lanes.cost + new.rise
         least = jnp.argmin(cost)
         tried = Best(
             jax.tree.map(lambda leaf: leaf[least], genes), bin[least], corner[least], cost[least]
@@ -245,15 +245,15 @@ class Proposals(NamedTuple):
     place: Array  # float32 [P, N], by item: the smallest goes first, padding last
     turn: Array  # int32 [P, N]
     pool: Array  # int32 [P, S]
-    rises: Array  # float32 [P], in cost, that are accepted, in parts of the heat
+    rise: Array  # float32 [P], in cost, the largest that is accepted
 
 
-def _as_given(stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
+def _as_given(stock: Stock, drawn: Array, lanes: Lanes, heat: Array) -> Proposals:
     genes = lanes.genes
     return Proposals(_places(genes.order), genes.turn, genes.pool, jnp.zeros_like(lanes.cost))
 
 
-def _annealed(stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
+def _annealed(stock: Stock, drawn: Array, lanes: Lanes, heat: Array) -> Proposals:
     """One random change of every lane: items change places or bins, one is turned, or bins swap."""
     (P, N), S = lanes.genes.order.shape, lanes.genes.pool.shape[1]
     genes, lane, place = lanes.genes, jnp.arange(P)[:, None], jnp.arange(N)
@@ -282,11 +282,13 @@ def _annealed(stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
         jnp.zeros((P, N)).at[lane, genes.order].set(rank),
         jnp.where(turning, other, genes.turn),
         jnp.where(several & (swaps < 0.2), pool, genes.pool),
-        -jnp.log1p(-rises[:, 0]),
+        heat * -jnp.log1p(-rises[:, 0]),
     )
 
 
-def _bred(config: BrkgaConfig, stock: Stock, drawn: Array, lanes: Lanes) -> Proposals:
+def _bred(
+    config: BrkgaConfig, stock: Stock, drawn: Array, lanes: Lanes, heat: Array
+) -> Proposals:
     """The next generation: mutants, children, and the elite where no child of theirs is better.
 
     A child inherits every item's place and orientation from one of the elite or one other.

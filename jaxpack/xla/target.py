@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from pathlib import Path
 
 import jax
 
@@ -60,20 +59,3 @@ def device_name() -> str:
     """What the default device is called, and its backend."""
     device = jax.local_devices()[0]
     return f"{device.device_kind} ({device.platform})"
-
-
-def cache_folder() -> Path:
-    """Where programs are kept between runs: JAX_COMPILATION_CACHE_DIR or the user's cache."""
-    if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxpack"
-
-
-def environment_of_another(package: Path) -> dict[str, str]:
-    """The environment of a process beside this one that computes too.
-
-    Args:
-        package: the folder that the package is in.
-    """
-    path = os.pathsep.join(filter(None, (str(package), os.environ.get("PYTHONPATH"))))
-    return os.environ | {"PYTHONPATH": path, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
