@@ -286,9 +286,7 @@ def _annealed(stock: Stock, drawn: Array, lanes: Lanes, heat: Array) -> Proposal
     )
 
 
-def _bred(
-    config: BrkgaConfig, stock: Stock, drawn: Array, lanes: Lanes, heat: Array
-) -> Proposals:
+def _bred(config: BrkgaConfig, stock: Stock, drawn: Array, lanes: Lanes, heat: Array) -> Proposals:
     """The next generation: mutants, children, and the elite where no child of theirs is better.
 
     A child inherits every item's place and orientation from one of the elite or one other.
