@@ -24,7 +24,8 @@ from jaxpack import Instance, Problem, pack, preset, sample
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.learning.trainer import init_state, train_updates
 from jaxpack.methods import MethodOptions, make_method
-from jaxpack.search.brkga import BrkgaConfig, brkga
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import brkga
 
 PROBLEMS = ("paper-2d", "paper-3d")
 PRESETS = ("paper-2d", "paper-3d", "bin-aware-2d", "bin-aware-3d")

@@ -18,7 +18,8 @@ from benchmarks.native import pack_native
 from benchmarks.timing import compiled, cores, report, seconds
 from jaxpack import pack, preset, sample
 from jaxpack.model.metrics import bins_first_cost
-from jaxpack.search.brkga import BrkgaConfig, brkga
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import brkga
 from jaxpack.xla.devices import by_batch, data_mesh, on_all, split_batch
 
 CONFIG = BrkgaConfig(population=100, generations=30)

@@ -20,7 +20,8 @@ from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.height_map import LARGE_WINDOW
 from jaxpack.packing.rules import RULES
 from jaxpack.packing.top_faces import SHORT, TopFaces
-from jaxpack.search.brkga import BrkgaConfig, brkga
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import brkga
 
 SIDE_BY_SIDE = 16  # instances, where it is not the batch that grows
 

@@ -31,9 +31,9 @@ from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.model.encoding import lane_genes, load_job
 from jaxpack.model.job import Job
-from jaxpack.search.brkga import BrkgaConfig
-from jaxpack.search.compiled import LANES, encode, first_genes
-from jaxpack.search.local_search import pack_lanes
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.compiled import LANES, first_genes
+from jaxpack.search.packer import encode, pack_lanes
 from jaxpack.search.protocol import pack_orders
 from jaxpack.search.quick import pack_quickly
 
@@ -99,12 +99,11 @@ def in_numpy(jobs: list[Job]) -> str:
 
 
 def in_one_batch(jobs: list[Job]) -> str:
-    packer = jax.jit(pack_lanes, static_argnums=0)
     parts = []
     for job in jobs:
         loading = load_job(job)
         decoding, stock = encode(loading)
-        bins, _, _ = packer(decoding, stock, first_genes(loading, stock, 0, LANES))
+        bins, _ = pack_lanes(decoding, stock, first_genes(loading, stock, 0, LANES))
         parts.append(digest(bins[:, : len(loading.items)]))
     return together(parts)
 

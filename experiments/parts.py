@@ -12,7 +12,6 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-import jax
 import numpy as np
 from public_instances import (
     BERKEY_WANG,
@@ -28,35 +27,19 @@ from jaxpack.cli import prepare_jax
 from jaxpack.io.weights import load_policy
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES as DRAWN
-from jaxpack.model.encoding import load_job
+from jaxpack.model.encoding import Genes, load_job
 from jaxpack.model.job import Job
-from jaxpack.search.compiled import (
-    EXCHANGE,
-    HEAT,
-    LANES,
-    ROUNDS,
-    dispatch,
-    encode,
-    first_genes,
-    seed_of,
-    to_device,
-)
-from jaxpack.search.local_search import (
-    ANNEAL,
-    BREED,
-    Lanes,
-    exchange,
-    fresh_lanes,
-)
+from jaxpack.search.compiled import EXCHANGE, HEAT, LANES, ROUNDS, first_genes, packer_of
+from jaxpack.search.local_search import Lanes, Step, advance, annealed, bred, exchange, join, packed
 from jaxpack.search.policy_orders import policy_genes
 
 DISPATCHES = {2: 40, 3: 12}  # of LANES * ROUNDS packings
 PARTS = {
-    "annealing": ((ANNEAL,), False, False),
-    "genetic algorithm": ((BREED,), False, False),
-    "in turns": ((BREED, ANNEAL), False, False),
-    "in turns, with exchange": ((BREED, ANNEAL), True, False),
-    "and the policy's orders": ((BREED, ANNEAL), True, True),
+    "annealing": ((annealed,), False, False),
+    "genetic algorithm": ((bred,), False, False),
+    "in turns": ((bred, annealed), False, False),
+    "in turns, with exchange": ((bred, annealed), True, False),
+    "and the policy's orders": ((bred, annealed), True, True),
 }
 """Who searches; whether they exchange their best; whether the policy's orders are there."""
 
@@ -68,27 +51,30 @@ def instances(data: Path) -> Iterator[Job]:
     yield from read_ivancic(data_file(data, IVANCIC))[::4]
 
 
-def search(job: Job, policy: Policy | None, how: tuple[int, ...], sharing: bool) -> Lanes:
+def search(job: Job, policy: Policy | None, how: tuple[Step, ...], sharing: bool) -> Lanes:
     """The lanes at the end; their best is the best of all."""
     loading = load_job(job)
-    decoding, stock = encode(loading)
-    sorts = to_device(first_genes(loading, stock, 0, DRAWN))
-    some = jax.tree.map(lambda leaf: leaf[:LANES], sorts)
-    first = dispatch(decoding, stock, fresh_lanes(seed_of(0), some))
+    packer, stock = packer_of(loading)
+
+    def some(genes: Genes, first: int) -> Lanes:
+        mine = Genes(*(leaf[first : first + LANES] for leaf in genes))
+        return packed(packer, np.random.default_rng([0, 0]), mine)
+
+    sorts = first_genes(loading, stock, 0, DRAWN)
+    lanes = some(sorts, 0)
     if policy:
-        genes = policy_genes(loading, jax.tree.map(np.asarray, stock), sorts, policy, 0)
-        for i in range(0, len(genes.order), LANES):
-            some = jax.tree.map(lambda leaf: leaf[i : i + LANES], genes)  # noqa: B023
-            first = dispatch(decoding, stock, first, guests=some)
-    islands = [first._replace(seed=seed_of(0, 1 + n)) for n in range(len(how))]
+        genes = policy_genes(loading, stock, sorts, policy, 0)
+        for first in range(0, len(genes.order), LANES):
+            lanes = join(lanes, some(genes, first))
+    islands = [lanes._replace(random=np.random.default_rng([0, 1 + n])) for n in range(len(how))]
     dispatches = DISPATCHES[job.dimension]
     for turn in range(dispatches):
         which = turn % len(how)
         heat = HEAT * (1 - turn / dispatches) ** 2
-        islands[which] = dispatch(decoding, stock, islands[which], how[which], ROUNDS, heat)
+        islands[which] = advance(packer, stock, islands[which], how[which], ROUNDS, heat)
         if sharing and (turn + 1) % EXCHANGE == 0:
             islands = list(exchange(*islands))
-    return min(islands, key=lambda lanes: float(lanes.best.cost))
+    return min(islands, key=lambda lanes: lanes.best.cost)
 
 
 def main() -> None:
@@ -101,10 +87,10 @@ def main() -> None:
         for name, (how, sharing, drawing) in PARTS.items():
             policy = load_policy(f"bin-aware-{job.dimension}d-turned") if drawing else None
             best = search(job, policy, how, sharing).best
-            bins = len(set(np.asarray(best.bin).tolist()) - {-1})
+            bins = len(set(best.bin.tolist()) - {-1})
             rows.append(
                 {"dimension": job.dimension, "instance": job.name, "parts": name, "bins": bins}
-                | {"cost": round(float(best.cost), 3)}
+                | {"cost": round(best.cost, 3)}
             )
         print(job.name, [row["bins"] for row in rows[-len(PARTS) :]], flush=True)
         write_rows(RESULTS / "parts.csv", rows)

@@ -48,7 +48,7 @@ from jaxpack.model.exact import common_scale, exact
 from jaxpack.model.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import plan_violations
-from jaxpack.search.compiled import encode
+from jaxpack.search.packer import encode
 
 PATH = RESULTS / "peers.csv"
 SETS = ("2bp", "ivancic", "bed-bpp")

@@ -16,7 +16,7 @@ from rows import RESULTS, read_rows, rounded, write_rows
 
 from jaxpack import Cell, Comparison, MethodOptions, compare, make_method, preset
 from jaxpack.cli import prepare_jax
-from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.breeding import BrkgaConfig
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -25,7 +25,7 @@ from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Cell
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.selfcheck import check_device
-from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.breeding import BrkgaConfig
 from jaxpack.tables import print_table
 from jaxpack.xla.devices import pick_devices
 

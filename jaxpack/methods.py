@@ -15,7 +15,8 @@ from jaxpack.learning.networks import NETWORKS
 from jaxpack.learning.recipe import OBJECTIVES, Policy
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import genetic
 from jaxpack.search.evolved import evolved
 from jaxpack.search.heuristics import footprint_order, height_order, random_order, volume_order
 from jaxpack.search.protocol import Draw, Objective, Search, pack_orders, run_rounds

@@ -108,12 +108,10 @@ def _wake_without_parent() -> None:
 
 
 def _serve(request: "Request", replies: IO[bytes], wanted: Callable[[], bool]) -> None:
-    import jax
-    import numpy as np
-
     from jaxpack.io.weights import load_policy
     from jaxpack.model.encoding import Genes
     from jaxpack.search.compiled import search
+    from jaxpack.search.local_search import Best
     from jaxpack.search.requests import Found
 
     loading, count, slots = request.loading, len(request.loading.items), len(request.loading.bins)
@@ -121,13 +119,13 @@ def _serve(request: "Request", replies: IO[bytes], wanted: Callable[[], bool]) -
     cost = float("inf")
     how = request.seed, request.seconds, request.first, policy, wanted, request.packings
     for best, packings in search(loading, *how):
-        better, cost = float(best.cost) < cost, min(cost, float(best.cost))
-        if not better:
+        if best.cost >= cost:
             _send(replies, packings)
             continue
-        genes, bin, corner = jax.tree.map(np.asarray, (best.genes, best.bin, best.corner))
+        genes, cost = best.genes, best.cost
         own = genes.order[genes.order < count], genes.turn[:count], genes.pool[genes.pool < slots]
-        _send(replies, Found(Genes(*own), bin[:count], corner[:count], cost, packings))
+        mine = Best(Genes(*own), best.bin[:count], best.corner[:count], cost)
+        _send(replies, Found(mine, packings))
 
 
 def _send(replies: IO[bytes], message: object) -> None:

@@ -54,9 +54,10 @@ def test_it_answers_each_search_and_waits_for_the_next(process):
         loading = ask(process, seconds=ANSWER, seed=seed)
         found = process.next(ANSWER)
         assert found.packings >= 8
-        assert len(set(found.bin.tolist())) >= 4
-        assert (found.bin >= 0).all()
-        assert len(found.bin) == len(loading.items) == len(found.genes.order)
+        best = found.best
+        assert len(set(best.bin.tolist())) >= 4
+        assert (best.bin >= 0).all()
+        assert len(best.bin) == len(loading.items) == len(best.genes.order)
         process.end()
         assert process.alive
     before = used(process)

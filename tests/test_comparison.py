@@ -22,7 +22,7 @@ from jaxpack import (
 from jaxpack.comparison import grid_cells, grid_problem, make_instances
 from jaxpack.methods import Method
 from jaxpack.model.packing_check import InvalidPackingError
-from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.breeding import BrkgaConfig
 from jaxpack.search.protocol import Search
 from jaxpack.tables import paper_row, write_table
 

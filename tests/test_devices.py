@@ -53,7 +53,7 @@ BREEDING = """
 import jax, numpy as np
 from cases import TINY
 from jaxpack import sample
-from jaxpack.search.brkga import BrkgaConfig
+from jaxpack.search.breeding import BrkgaConfig
 from jaxpack.search.brkga import brkga
 from jaxpack.xla.devices import data_mesh, on_all
 

@@ -13,7 +13,8 @@ from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Distribution, sample
 from jaxpack.model.metrics import bins_first_cost, paper_cost
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import genetic
 from jaxpack.search.evolved import evolved
 from jaxpack.search.heuristics import height_order, random_order
 from jaxpack.search.protocol import run_rounds

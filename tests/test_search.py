@@ -15,7 +15,8 @@ from jaxpack.model.instances import Distribution, sample
 from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
-from jaxpack.search.brkga import BrkgaConfig, genetic
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import genetic
 from jaxpack.search.evolved import evolved
 from jaxpack.search.heuristics import height_order, random_order
 from jaxpack.search.protocol import Search, compile_search, run_for, run_rounds

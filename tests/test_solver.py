@@ -5,7 +5,6 @@ import time
 from dataclasses import replace
 from itertools import islice
 
-import jax
 import numpy as np
 import pytest
 
@@ -25,22 +24,9 @@ from jaxpack.model.figures import plan_figures
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.model.units import units_of
-from jaxpack.search.compiled import (
-    dispatch,
-    encode,
-    first_genes,
-    search,
-    seed_of,
-    to_device,
-)
-from jaxpack.search.local_search import (
-    BREED,
-    advance,
-    exchange,
-    fresh_lanes,
-    join,
-    pack_lanes,
-)
+from jaxpack.search.compiled import first_genes, packer_of, search
+from jaxpack.search.local_search import advance, bred, exchange, join, packed
+from jaxpack.search.packer import encode, first_fit, pack_lanes
 from jaxpack.search.policy_orders import policy_genes
 from jaxpack.search.portfolio import End, SolveOptions, cheapest_types, improve, solve_job
 from jaxpack.search.quick import (
@@ -179,17 +165,16 @@ def test_plans_made_without_compiling_are_those_of_the_kernel(
         items, pallet, other = tuple(map(flat, items)), flat(pallet), flat(other)
     job = Job(items, (other, pallet), dimension)
     loading = load_job(job, Rules(support), resolution)
-    rules, stock = encode(loading)
-    genes = to_device(first_genes(loading, stock, 0, 32))
-    packed = jax.jit(pack_lanes, static_argnums=0)(rules, stock, genes)
+    packer, stock = packer_of(loading)
+    kernel = packer(first_genes(loading, stock, 0, 32))
     orders = set()
     for lane in range(0, 32, 3):
         own = lane_genes(loading, 0, lane)
         bin, corner = pack_quickly(loading, own, blocks=False)
-        expected, corners = (np.asarray(leaf[lane])[: job.count] for leaf in packed[:2])
+        expected, corners = (leaf[lane][: job.count] for leaf in kernel[:2])
         np.testing.assert_array_equal(bin, expected)
         np.testing.assert_array_equal(corner[bin >= 0], corners[bin >= 0])
-        np.testing.assert_allclose(cost_of(loading, own, bin, corner), packed[2][lane], rtol=1e-5)
+        np.testing.assert_allclose(cost_of(loading, own, bin, corner), kernel[2][lane], rtol=1e-9)
         assert (bin >= 0).all() == (copies is None), "nothing was left out, or all packed"
         orders.add((tuple(own.order.tolist()), tuple(own.turn.tolist())))
         # Many at once are as valid.
@@ -254,24 +239,27 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
         items, pallet = [flat(item) for item in items], flat(PALLET)
     job = Job(tuple(items), (pallet,), dimension)
     loading = load_job(job)
-    rules, stock = encode(loading)
+    packer, stock = packer_of(loading)
     policy = load_policy(f"bin-aware-{dimension}d-turned")
-    sorts = to_device(first_genes(loading, stock, 0, 64))
-    genes = policy_genes(loading, jax.tree.map(np.asarray, stock), sorts, policy, 0)
+    sorts = first_genes(loading, stock, 0, 64)
+    genes = policy_genes(loading, stock, sorts, policy, 0)
     lanes, N = genes.order.shape
     np.testing.assert_array_equal(np.sort(genes.order, 1), np.tile(np.arange(N), (lanes, 1)))
-    assert (np.asarray(genes.order)[:, : job.count] < job.count).all(), "padding before items"
-    assert len(np.unique(np.asarray(genes.order), axis=0)) > lanes // 4
-    turned = np.asarray(genes.turn)[:, : job.count]
-    assert (turned < np.asarray(stock.ways)[: job.count]).all()
+    assert (genes.order[:, : job.count] < job.count).all(), "padding before items"
+    assert len(np.unique(genes.order, axis=0)) > lanes // 4
+    turned = genes.turn[:, : job.count]
+    assert (turned < stock.ways[: job.count]).all()
     assert len(np.unique(turned)) == len(ways)
 
-    def packed(first):
-        some = jax.tree.map(lambda leaf: leaf[first : first + 32], genes)
-        return dispatch(rules, stock, fresh_lanes(seed_of(0), some))
-
-    one, other = packed(0), packed(32)
-    assert (np.asarray(one.bin)[:, : job.count] >= 0).all()
+    one, other = (
+        packed(
+            packer,
+            np.random.default_rng(first),
+            Genes(*(leaf[first : first + 32] for leaf in genes)),
+        )
+        for first in (0, 32)
+    )
+    assert (one.bin[:, : job.count] >= 0).all()
     np.testing.assert_array_equal(one.genes.order, genes.order[:32])
     both = join(one, other)
     costs = np.sort(np.concatenate([one.cost, other.cost]))
@@ -282,19 +270,19 @@ def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
         kept = [*np.sort(mine.cost)[:24], *np.sort(theirs.cost)[:8]]
         np.testing.assert_array_equal(np.sort(after.cost), np.sort(kept))
         assert after.best.cost == costs[0]
-    bred = dispatch(rules, stock, one, BREED, 12)
-    np.testing.assert_array_equal(np.sort(bred.genes.order, 1), np.tile(np.arange(N), (32, 1)))
-    assert (np.asarray(bred.genes.order)[:, : job.count] < job.count).all()
-    assert (np.asarray(bred.genes.turn)[:, : job.count] < stock.ways[: job.count]).all()
-    assert (np.sort(bred.cost)[:6] <= np.sort(one.cost)[:6]).all(), "the elite stays"
-    assert np.median(bred.cost) < np.median(one.cost)
+    after = advance(packer, stock, one, bred, rounds=12, heat=0.0)
+    np.testing.assert_array_equal(np.sort(after.genes.order, 1), np.tile(np.arange(N), (32, 1)))
+    assert (after.genes.order[:, : job.count] < job.count).all()
+    assert (after.genes.turn[:, : job.count] < stock.ways[: job.count]).all()
+    assert (np.sort(after.cost)[:6] <= np.sort(one.cost)[:6]).all(), "the elite stays"
+    assert np.median(after.cost) < np.median(one.cost)
     # What the search ends with is what it has met at best, the policy's orders among it.
-    least, found = float(both.best.cost), search(loading, 0, 300.0, policy=policy)
-    assert any(float(best.cost) <= least for best, _ in found)
+    least, found = both.best.cost, search(loading, 0, 300.0, policy=policy)
+    assert any(best.cost <= least for best, _ in found)
 
 
 def test_a_search_is_one_program_and_goes_on_from_what_it_is_given():
-    before = advance._cache_size()
+    before = first_fit._cache_size()
     # 33 in three types of bins: of a size that no other test has.
     bins = tuple(BinType((5.0, 5.0, height)) for height in (5.0, 6.0, 7.0))
     loading = load_job(Job((ItemType((2.0, 2.0, 3.0), 33),), bins))
@@ -305,7 +293,7 @@ def test_a_search_is_one_program_and_goes_on_from_what_it_is_given():
     assert costs == sorted(costs, reverse=True)
     packing = pack_quickly(loading, given, blocks=False)
     assert costs[0] <= cost_of(loading, given, *packing) + 1e-5
-    assert advance._cache_size() == before + 1
+    assert first_fit._cache_size() == before + 1
     assert not [*islice(search(loading, 0, 60.0, wanted=lambda: False), 1, None)]
 
 
@@ -477,8 +465,7 @@ def test_padding_is_never_packed():
     loading = load_job(Job(cartons(2), (PALLET,)))
     rules, stock = encode(loading)
     genes = padded_genes(lane_genes(loading, 0, 0), len(stock.mask), len(stock.price))
-    lanes = to_device(Genes(*(row[None] for row in genes)))
-    bin, *_ = jax.jit(pack_lanes, static_argnums=0)(rules, stock, lanes)
+    bin, _ = pack_lanes(rules, stock, Genes(*(row[None] for row in genes)))
     count = len(loading.items)
-    assert (np.asarray(bin)[0, :count] >= 0).all()
-    assert (np.asarray(bin)[0, count:] < 0).all()
+    assert (bin[0, :count] >= 0).all()
+    assert (bin[0, count:] < 0).all()

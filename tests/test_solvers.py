@@ -15,7 +15,8 @@ from jaxpack.learning.presets import PAPER_2D
 from jaxpack.model.instances import Distribution, sample
 from jaxpack.model.metrics import bins_first_cost, paper_cost
 from jaxpack.model.problem import Instance
-from jaxpack.search.brkga import BrkgaConfig, brkga, keys_of
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.brkga import brkga, keys_of
 from jaxpack.search.heuristics import (
     decode_keys,
     footprint_order,

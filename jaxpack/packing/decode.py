@@ -82,7 +82,9 @@ class _Left(NamedTuple):
     waiting: Array  # int32 [B], items that are not packed, whatever the bin
 
 
-def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
+def decode(
+    surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array | None = None
+) -> Placed:
     """Packs the items in their order, first fit, over the bins in theirs.
 
     Args:
@@ -91,7 +93,7 @@ def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array)
         items: by item.
         bins: those of a batch member, in the order in which they are filled.
         order: int32 [N, B], items in packing order; where those that do not wait stand in it is
-            immaterial.
+            immaterial. None: the items stand in their packing order.
     """
     if bins.limit is None:
         return _decode(surface, rule, items, bins, order)
@@ -101,7 +103,7 @@ def decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array)
         return _decode(surface, rule, items, bins, order)
 
 
-def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array) -> Placed:
+def _decode(surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array | None) -> Placed:
     turns = _Turns(surface, rule, items, bins, order)
     done = jax.lax.while_loop(turns.more, turns.some, turns.start())
     x, *y, z = done.corner
@@ -112,7 +114,7 @@ class _Turns:
     """The loop of the decoder, and what does not change in it."""
 
     def __init__(
-        self, surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array
+        self, surface: Surface, rule: Rule, items: Items, bins: Bins, order: Array | None
     ) -> None:
         self.surface, self.rule, self.items, self.bins = surface, rule, items, bins
         self.N = len(items.waiting)
@@ -286,9 +288,9 @@ def _volume(sides: Triple) -> Array:
     return length * width * height
 
 
-def _by_rank(items: Items, order: Array, dtype: np.dtype) -> tuple[Any, Array]:
+def _by_rank(items: Items, order: Array | None, dtype: np.dtype) -> tuple[Any, Array]:
     """(rank [B] -> the item that has it, rank of every item [N, B])."""
-    N, batch = order.shape
+    N, batch = items.waiting.shape
     lane = jnp.arange(batch, dtype=jnp.int32)
     columns = [*items.size, items.needed]
     as_word = all(column.dtype.itemsize == 1 for column in columns)
@@ -297,7 +299,10 @@ def _by_rank(items: Items, order: Array, dtype: np.dtype) -> tuple[Any, Array]:
         tables = [jax.lax.bitcast_convert_type(tables[0], jnp.int32)]
     if items.weight is not None:
         tables.append(items.weight)
-    ranked, rank_of = _sorted(tables, order, dtype)
+    if order is None:
+        ranked, rank_of = tables, jax.lax.broadcasted_iota(dtype, (N, batch), 0)
+    else:
+        ranked, rank_of = _sorted(tables, order, dtype)
 
     def fetched(rank: Array) -> _Item:
         row = jnp.minimum(rank, N - 1).astype(jnp.int32)

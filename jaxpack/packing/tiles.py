@@ -4,14 +4,20 @@ Batch members use as many lines as they need, of an array that has room for many
 few lines along x by a few along y, of all members, and what no member uses is never looked at.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-TILE, AT_ONCE = 8, 8
-"""Lines of a tile, and those that its lines look at together."""
+TILE = 8  # lines
+BITS = 3
+AT_ONCE = 1 << BITS  # lines that those of a tile look at together
+
+
+T = TypeVar("T")
+Tile = tuple[Array, Array]  # int32[] each: its first lines along x and y
 
 
 class Tiles(NamedTuple):
@@ -22,37 +28,41 @@ class Tiles(NamedTuple):
     wide: int  # lines of a tile along y
     batch: int
 
-    @property
-    def _along_y(self) -> Array:
-        return (self.lines_y + (self.wide - 1)) // self.wide
+    def each(self, function: Callable[[Tile, T], T], carry: T) -> T:
+        """Runs over all tiles; none of it divides, which takes long to compile."""
 
-    @property
-    def number(self) -> Array:
-        """How many tiles there are: int32[]."""
-        return (self.lines_x + (TILE - 1)) // TILE * self._along_y
+        def one(now: tuple[Array, Array, T]) -> tuple[Array, Array, T]:
+            at_x, at_y, carry = now
+            carry = function((at_x, at_y), carry)
+            last = at_y + self.wide >= self.lines_y
+            return (
+                jnp.where(last, at_x + TILE, at_x),
+                jnp.where(last, 0, at_y + self.wide).astype(jnp.int32),
+                carry,
+            )
 
-    def start(self, n: Array) -> tuple[Array, Array]:
-        """First lines of tile n along x and y: int32[] each."""
-        return n // self._along_y * TILE, n % self._along_y * self.wide
-
-    def x(self, column: Array, n: Array) -> Array:
-        """Of [X, B] its lines along x: [TILE, B]."""
-        return jax.lax.dynamic_slice(column, (self.start(n)[0], jnp.int32(0)), (TILE, self.batch))
-
-    def y(self, column: Array, n: Array) -> Array:
-        """Of [Y, B] its lines along y: [wide, B]."""
-        return jax.lax.dynamic_slice(
-            column, (self.start(n)[1], jnp.int32(0)), (self.wide, self.batch)
+        start = jnp.int32(0), jnp.int32(0), carry
+        done: tuple[Array, Array, T] = jax.lax.while_loop(
+            lambda now: now[0] < self.lines_x, one, start
         )
+        return done[2]
 
-    def cells(self, values: Array, n: Array) -> Array:
+    def x(self, column: Array, at: Tile) -> Array:
+        """Of [X, B] its lines along x: [TILE, B]."""
+        return jax.lax.dynamic_slice(column, (at[0], jnp.int32(0)), (TILE, self.batch))
+
+    def y(self, column: Array, at: Tile) -> Array:
+        """Of [Y, B] its lines along y: [wide, B]."""
+        return jax.lax.dynamic_slice(column, (at[1], jnp.int32(0)), (self.wide, self.batch))
+
+    def cells(self, values: Array, at: Tile) -> Array:
         """Of [X, Y, B] its part: [TILE, wide, B]."""
-        where = (*self.start(n), jnp.int32(0))
+        where = (*at, jnp.int32(0))
         return jax.lax.dynamic_slice(values, where, (TILE, self.wide, self.batch))
 
-    def write(self, values: Array, cells: Array, n: Array) -> Array:
+    def write(self, values: Array, cells: Array, at: Tile) -> Array:
         """The values [X, Y, B] with that part replaced."""
-        return jax.lax.dynamic_update_slice(values, cells, (*self.start(n), jnp.int32(0)))
+        return jax.lax.dynamic_update_slice(values, cells, (*at, jnp.int32(0)))
 
 
 def highest(
@@ -66,10 +76,10 @@ def highest(
     """
     batch, count = tiles.batch, (tiles.lines_x, tiles.lines_y)[axis]
 
-    def tile(n: Array, found: Array) -> Array:
-        here = (tiles.x, tiles.y)[axis](lines, n)
+    def tile(at: Tile, found: Array) -> Array:
+        here = (tiles.x, tiles.y)[axis](lines, at)
         end = here + length
-        at_x, at_y = tiles.start(n)
+        at_x, at_y = at
 
         def some(part: Array, most: Array) -> Array:
             first = part * AT_ONCE
@@ -83,10 +93,10 @@ def highest(
             return most
 
         nothing = jnp.zeros((TILE, tiles.wide, batch), heights.dtype)
-        most = jax.lax.fori_loop(0, (count + (AT_ONCE - 1)) // AT_ONCE, some, nothing)
-        return tiles.write(found, most, n)
+        most = jax.lax.fori_loop(0, (count + (AT_ONCE - 1)) >> BITS, some, nothing)
+        return tiles.write(found, most, at)
 
-    return jax.lax.fori_loop(0, tiles.number, tile, found)
+    return tiles.each(tile, found)
 
 
 def row_at(count: Array, lines: Array, at: Array, values: Array, axis: int) -> Array:
@@ -106,7 +116,7 @@ def row_at(count: Array, lines: Array, at: Array, values: Array, axis: int) -> A
         return row
 
     nothing = jnp.zeros(shape[:axis] + shape[axis + 1 :], values.dtype)
-    row: Array = jax.lax.fori_loop(0, (count + (AT_ONCE - 1)) // AT_ONCE, some, nothing)
+    row: Array = jax.lax.fori_loop(0, (count + (AT_ONCE - 1)) >> BITS, some, nothing)
     return row
 
 

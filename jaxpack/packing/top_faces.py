@@ -22,12 +22,13 @@ from jax import Array
 
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
-from jaxpack.packing.tiles import AT_ONCE, TILE, Tiles, highest, indices, row_at
+from jaxpack.packing.tiles import AT_ONCE, TILE, Tile, Tiles, highest, indices, row_at
 from jaxpack.xla.programs import largest_of, least
 
 SHORT = 2**14 - 2
 """Units a side, of which sums fit int16."""
-FACES = 4  # looked at together
+FACE_BITS = 2
+FACES = 1 << FACE_BITS  # looked at together
 
 
 class Faces(NamedTuple):
@@ -106,19 +107,18 @@ class TopFaces:
         both = jnp.where(state.y == pred_y, row, self.dtype.type(0)).max(0)
         column = jnp.where(indices(x) == new_x, both, column)
 
-        def tile(n: Array, heights: Array) -> Array:
-            at_x, at_y = tiles.start(n)
-            there_x, i = tiles.x(x, n), at_x + indices(tiles.x(x, n))
-            there_y, j = tiles.y(y, n), at_y + indices(tiles.y(y, n))
-            here = tiles.cells(heights, n)
-            here = jnp.where((i == new_x)[:, None], tiles.y(row, n)[None], here)
-            here = jnp.where((j == new_y)[None], tiles.x(column, n)[:, None], here)
+        def tile(at: Tile, heights: Array) -> Array:
+            there_x, i = tiles.x(x, at), at[0] + indices(tiles.x(x, at))
+            there_y, j = tiles.y(y, at), at[1] + indices(tiles.y(y, at))
+            here = tiles.cells(heights, at)
+            here = jnp.where((i == new_x)[:, None], tiles.y(row, at)[None], here)
+            here = jnp.where((j == new_y)[None], tiles.x(column, at)[:, None], here)
             inside_x = (there_x >= start[0]) & (there_x < end[0]) & fits
             inside_y = (there_y >= start[1]) & (there_y < end[1])
             here = jnp.where(inside_x[:, None] & inside_y[None], end[2], here)
-            return tiles.write(heights, here, n)
+            return tiles.write(heights, here, at)
 
-        heights = jax.lax.fori_loop(0, tiles.number, tile, state.heights)
+        heights = tiles.each(tile, state.heights)
         box = indices(state.boxes[0]) == jnp.where(fits, state.used, -1)
         sides = (start[0], end[0], start[1], end[1], start[2], end[2])
         nowhere = np.iinfo(self.dtype).max
@@ -163,15 +163,15 @@ class Corners(NamedTuple):
 
     def first(self, rule: Rule) -> tuple[Triple, Array]:
         """The position that the rule prefers; the corner means nothing where there is none."""
-        kinds = jax.eval_shape(lambda: self._keys(rule, jnp.int32(0))[0])
+        kinds = jax.eval_shape(lambda: self._keys(rule, (jnp.int32(0), jnp.int32(0)))[0])
         nothing = [jnp.full(key.shape[-1:], largest_of(key.dtype), key.dtype) for key in kinds]
 
-        def look(n: Array, best: list[Array]) -> list[Array]:
-            keys, inside = self._keys(rule, n)
+        def look(at: Tile, best: list[Array]) -> list[Array]:
+            keys, inside = self._keys(rule, at)
             hopeful = inside & self.wanted & (keys[0] <= best[0])
 
             def first_of_tile() -> list[Array]:
-                allowed = hopeful & self._carried(n)
+                allowed = hopeful & self._carried(at)
                 rows = [key.reshape(-1, key.shape[-1]) for key in keys]
                 mask = allowed.reshape(-1, allowed.shape[-1])
                 found = least_first(rows, mask, lambda key: least(key, 1))
@@ -180,16 +180,16 @@ class Corners(NamedTuple):
 
             return jax.lax.cond(hopeful.any(), first_of_tile, lambda: best)
 
-        *_, place, z = jax.lax.fori_loop(0, self.tiles.number, look, nothing)
+        *_, place, z = self.tiles.each(look, nothing)
         bits = _bits(self.z.dtype)
         x, y = (part.astype(z.dtype) for part in (place & ((1 << bits) - 1), place >> bits))
         return (x, y, z), z < np.iinfo(z.dtype).max
 
-    def _keys(self, rule: Rule, n: Array) -> tuple[list[Array], Array]:
+    def _keys(self, rule: Rule, tile: Tile) -> tuple[list[Array], Array]:
         """(the rule's keys, then y and x as one, and z; whether it is inside the bin) of a tile."""
-        x, y = self.tiles.x(self.state.x, n)[:, None], self.tiles.y(self.state.y, n)[None]
-        z = self.tiles.cells(self.z, n)
-        at_x, at_y = self.tiles.start(n)
+        x, y = self.tiles.x(self.state.x, tile)[:, None], self.tiles.y(self.state.y, tile)[None]
+        z = self.tiles.cells(self.z, tile)
+        at_x, at_y = tile
         inside_x = (at_x + indices(x) < self.state.used_x) & (x <= self.room[0] - self.size[0])
         rows = at_y + jnp.arange(y.shape[1], dtype=jnp.int32)[:, None]
         inside_y = (rows < self.state.used_y) & (y <= self.room[1] - self.size[1])
@@ -202,10 +202,10 @@ class Corners(NamedTuple):
         keys = [jnp.broadcast_to(key, z.shape) for key in (*rule(at), place, z)]
         return keys, inside_x & inside_y & (z <= self.room[2] - self.size[2])
 
-    def _carried(self, n: Array) -> Array:
+    def _carried(self, tile: Tile) -> Array:
         """Whether enough of an item lies on faces at its resting height, of a tile."""
-        x, y = self.tiles.x(self.state.x, n), self.tiles.y(self.state.y, n)
-        z = self.tiles.cells(self.z, n)
+        x, y = self.tiles.x(self.state.x, tile), self.tiles.y(self.state.y, tile)
+        z = self.tiles.cells(self.z, tile)
         far_x, far_y = x + self.size[0], y + self.size[1]
         area_type = self.needed.dtype
 
@@ -223,7 +223,7 @@ class Corners(NamedTuple):
                 area += jnp.where(top[face] == z, on_x[:, None] * on_y[None], 0).astype(area_type)
             return area
 
-        count = (self.state.used.max() + (FACES - 1)) // FACES
+        count = (self.state.used.max() + (FACES - 1)) >> FACE_BITS
         area = jax.lax.fori_loop(0, count, some, jnp.zeros(z.shape, area_type))
         return (z == 0) | (area >= self.needed)
 

@@ -6,57 +6,22 @@ each key from an elite parent with probability `bias`, from a non-elite one othe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
-from jaxpack.errors import UserError
 from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.first_fit import pack
+from jaxpack.search.breeding import BrkgaConfig, crossed
 from jaxpack.search.heuristics import decode_keys
 from jaxpack.search.protocol import Objective, Search, run_rounds
 from jaxpack.xla.devices import WHOLE, share_out, split_batch
 
-
-@dataclass(frozen=True)
-class BrkgaConfig:
-    """Budget and shares: population * generations packings, less the elite's."""
-
-    population: int = 100
-    generations: int = 60
-    elite: float = 0.2  # share of the population that survives unchanged
-    mutants: float = 0.14  # share that is drawn afresh
-    bias: float = 0.7  # probability of inheriting a key from the elite parent
-
-    def __post_init__(self) -> None:
-        for name in ("elite", "mutants", "bias"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise UserError(f"BRKGA {name} {getattr(self, name)}: give a share from 0 to 1")
-        elite, _, children = self.shares
-        if elite < 1 or children < 1 or self.generations < 0:
-            raise UserError(
-                f"BRKGA population {self.population}, elite {self.elite}, mutants {self.mutants}, "
-                f"generations {self.generations}: leave at least one elite and one child"
-            )
-
-    @property
-    def shares(self) -> tuple[int, int, int]:
-        """Individuals per generation: (elite, mutants, children)."""
-        return self.shares_of(self.population)
-
-    def shares_of(self, population: int) -> tuple[int, int, int]:
-        """The same of a population of another size."""
-        elite, mutants = round(self.elite * population), round(self.mutants * population)
-        return elite, mutants, population - elite - mutants
-
-
-T = TypeVar("T")
 Costs = Callable[[Instance, Array], Array]  # (instance, genes [P, N]) -> [P]
 
 
@@ -164,17 +129,6 @@ def _next_generation(
     genes = jnp.concatenate([population.genes[:elite], new])
     cost = jnp.concatenate([population.cost[:elite], costs(instance, new)])
     return _best_first(key, genes, cost)
-
-
-def crossed(inherits: Array, genes: T, mother: Array, father: Array) -> T:
-    """Parameterised uniform crossover: from the mother where it says so, else from the father.
-
-    Args:
-        inherits: bool [..., N].
-        genes: leaves [P, N].
-        mother, father: int [...], individuals.
-    """
-    return jax.tree.map(lambda leaf: jnp.where(inherits, leaf[mother], leaf[father]), genes)
 
 
 def _fresh(key: Array, count: int, instance: Instance) -> Array:

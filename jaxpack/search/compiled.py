@@ -10,35 +10,25 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from time import perf_counter
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES as DRAWN
-from jaxpack.model.encoding import (
-    Genes,
-    Loading,
-    Stock,
-    lane_genes,
-    most_together,
-    padded,
-    padded_genes,
-)
-from jaxpack.packing.top_faces import SHORT, TopFaces
+from jaxpack.model.encoding import Genes, Loading, Stock, lane_genes, padded_genes
+from jaxpack.model.objectives import Placed
 from jaxpack.search.local_search import (
-    ANNEAL,
-    AS_GIVEN,
-    BREED,
     Best,
-    Decoding,
     Lanes,
+    Packer,
+    Step,
     advance,
+    annealed,
+    bred,
     exchange,
-    fresh_lanes,
     join,
+    packed,
 )
+from jaxpack.search.packer import encode, pack_lanes
 from jaxpack.search.policy_orders import policy_genes
 from jaxpack.xla.devices import usable_cores
 
@@ -50,16 +40,16 @@ EXCHANGE = 4  # dispatches after which those that breed and those that anneal sh
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
-def encode(loading: Loading) -> tuple[Decoding, Stock]:
-    """What is static of the program, and the stock padded to the next size that has one."""
-    items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
-    most = _power_of_two(most_together(loading.stock))
-    short = int(loading.stock.bins.max()) <= SHORT
-    surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
-    stock = padded(loading.stock, items, bins)
-    with jax.enable_x64(True):  # areas and weights may have 64 bits
-        on_device: Stock = jax.tree.map(jnp.asarray, stock)
-    return Decoding(surface, loading.rules.rule, loading.objective.cost), on_device
+def packer_of(loading: Loading) -> tuple[Packer, Stock]:
+    """The compiled packer of a job, and the stock padded as its genes have to be."""
+    decoding, stock = encode(loading)
+
+    def packer(genes: Genes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        bin, corner = pack_lanes(decoding, stock, genes)
+        lies = stock.sizes[np.arange(genes.turn.shape[1]), genes.turn]
+        return bin, corner, loading.objective.cost(stock, Placed(bin, corner, lies))
+
+    return packer, stock
 
 
 def first_genes(
@@ -93,12 +83,12 @@ def search(
         packings: at most; neither the clock nor the cores have a say in what is tried then.
     """
     limit = _Limit(seconds, packings)
-    decoding, stock = encode(loading)
+    packer, stock = packer_of(loading)
     many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
     genes = first_genes(loading, stock, seed, many, first)
     if packings is not None and packings < many:
         return
-    lanes = dispatch(decoding, stock, fresh_lanes(seed_of(seed), to_device(genes)))
+    lanes = packed(packer, np.random.default_rng([seed, 0]), genes)
     limit.tried = many
     yield lanes.best, many
     drawn, guests = None, list[Genes]()
@@ -109,15 +99,15 @@ def search(
                 guests, drawn = _parts(drawn, many), None
         # Two on every core, which take turns: the even ones breed, the odd ones anneal.
         pairs = min(usable_cores(), 8) if packings is None else PAIRS
-        islands = [lanes._replace(seed=seed_of(seed, n)) for n in range(1, 1 + 2 * pairs)]
+        randoms = [np.random.default_rng([seed, n]) for n in range(1, 1 + 2 * pairs)]
+        islands = [lanes._replace(random=random) for random in randoms]
         turn = 0
         while (rounds := limit.rounds(many * pairs, many * bool(guests))) and wanted():
             now, heat = perf_counter(), HEAT * limit.left() ** 2
-            how, mine = ((BREED, islands[::2]), (ANNEAL, islands[1::2]))[turn % 2]
+            step, mine = ((bred, islands[::2]), (annealed, islands[1::2]))[turn % 2]
             visits = [None] * (len(mine) - 1) + [guests.pop() if guests else None]
-            some = partial(dispatch, decoding, stock, how=how, rounds=rounds, heat=heat)
-            done = list(threads.map(lambda pair: some(pair[0], guests=pair[1]),  # noqa: B023
-                                    zip(mine, visits, strict=True)))  # fmt: skip
+            some = partial(_visited, packer, stock, step, rounds, heat)
+            done = list(threads.map(some, mine, visits))
             tried = many * (rounds * len(done) + (visits[-1] is not None))
             if drawn and drawn.done():
                 guests, drawn = _parts(drawn, many), None
@@ -126,7 +116,7 @@ def search(
             if turn % EXCHANGE == 0:
                 islands = _exchanged(islands, turn // EXCHANGE % 2)
             limit.spend(tried, perf_counter() - now)
-            yield min((some.best for some in islands), key=lambda best: float(best.cost)), tried
+            yield min((some.best for some in islands), key=lambda best: best.cost), tried
 
 
 class _Limit:
@@ -160,43 +150,31 @@ class _Limit:
             self.doubled = min(2 * self.doubled, ROUNDS)
 
 
-def to_device(genes: Genes) -> Genes:
-    """The same as arrays of JAX."""
-    return Genes(*map(jnp.asarray, genes))
-
-
-def dispatch(
-    decoding: Decoding,
+def _visited(
+    packer: Packer,
     stock: Stock,
+    step: Step,
+    rounds: int,
+    heat: float,
     lanes: Lanes,
-    how: int = AS_GIVEN,
-    rounds: int = 1,
-    heat: float = 0.0,
-    guests: Genes | None = None,
+    guests: Genes | None,
 ) -> Lanes:
     """The lanes after so many rounds, guests in the place of worse ones. See `advance`."""
     if guests:
-        lanes = join(lanes, dispatch(decoding, stock, fresh_lanes(lanes.seed, guests)))
-    numbers = np.int32(rounds), np.float32(heat), np.int32(how)
-    return jax.block_until_ready(advance(decoding, stock, lanes, *numbers))
-
-
-def seed_of(seed: int, island: int = 0) -> Array:
-    """The data of a PRNG key, uint32 [2]: to make a key would take a program."""
-    return jnp.asarray(np.array([island, seed], np.uint32))
+        lanes = join(lanes, packed(packer, lanes.random, guests))
+    return advance(packer, stock, lanes, step, rounds, heat)
 
 
 def _draws(loading: Loading, stock: Stock, policy: Policy, seed: int) -> Genes:
     """The policy's orders for a padded stock."""
-    own = padded(loading.stock, *map(len, (stock.mask, stock.price)))
-    sorts = to_device(first_genes(loading, stock, seed, DRAWN))
-    return policy_genes(loading, own, sorts, policy, seed)
+    sorts = first_genes(loading, stock, seed, DRAWN)
+    return policy_genes(loading, stock, sorts, policy, seed)
 
 
 def _parts(drawn: Future[Genes], many: int) -> list[Genes]:
     orders = drawn.result()
     firsts = range(0, len(orders.order), many)
-    return [jax.tree.map(lambda leaf: leaf[first : first + many], orders) for first in firsts]  # noqa: B023
+    return [Genes(*(leaf[first : first + many] for leaf in orders)) for first in firsts]
 
 
 def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
@@ -205,7 +183,3 @@ def _exchanged(islands: list[Lanes], first: int) -> list[Lanes]:
     pairs = zip(islands[::2], islands[1::2], strict=True)
     islands = [lanes for pair in pairs for lanes in exchange(*pair)]
     return islands[-first:] + islands[:-first] if first else islands
-
-
-def _power_of_two(count: int) -> int:
-    return max(16, 1 << (count - 1).bit_length())

@@ -50,11 +50,11 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     Args:
         loading: the job.
         stock: that of the loading, padded.
-        genes: LANES of the sorts, for the padded stock.
+        genes: LANES of the sorts, for that stock.
         policy: a bin-aware one for the job's dimension.
         seed: of the draws.
     """
-    kept = jnp.arange(LANES)[:, None] < LANES // 2
+    kept = np.arange(LANES)[:, None] < LANES // 2
     instances, kinds = _on_a_grid(loading, stock, genes, kept)
     most = CELLS[loading.job.dimension][-1]
     depth = 1 if loading.flat else most
@@ -64,19 +64,22 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     network = policy.config.policy
     # Not among the keys that the search, which starts from the same seed, splits from its own.
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), STREAM), LANES)
-    order, turn = draw(problem, network, policy.params, instances, keys, kinds)
+    drawn = draw(problem, network, policy.params, instances, keys, kinds)
+    order, turn = map(np.asarray, drawn)
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
-    return genes._replace(order=order[:, :items], turn=jnp.where(kept, genes.turn, turn[:, :items]))
+    return genes._replace(order=order[:, :items], turn=np.where(kept, genes.turn, turn[:, :items]))
 
 
-def _on_a_grid(loading: Loading, stock: Stock, genes: Genes, kept: Array) -> tuple[Instance, int]:
+def _on_a_grid(
+    loading: Loading, stock: Stock, genes: Genes, kept: np.ndarray
+) -> tuple[Instance, int]:
     """The items in cells of every lane's first bin; and how many kinds there are at most.
 
     Args:
         kept: bool [lanes, 1], where the orientations are those of the genes.
     """
-    room = stock.bins[np.asarray(genes.pool)[:, 0]].astype(np.float64)  # [lanes, 3]
+    room = stock.bins[genes.pool[:, 0]].astype(np.float64)  # [lanes, 3]
     share = stock.sizes / room[:, None, None]  # [lanes, N, O, 3]
     choices = np.asarray(CELLS[loading.job.dimension])
     inside = (share <= 1) & stock.mask[:, None, None]
@@ -87,8 +90,8 @@ def _on_a_grid(loading: Loading, stock: Stock, genes: Genes, kept: Array) -> tup
     grid = cells[:, None, None]
     whole = np.where(share > 1, grid + 1, np.maximum(np.round(share * grid), 1)).astype(np.int32)
     lanes, count, ways, _ = whole.shape
-    chosen = np.take_along_axis(whole, np.asarray(genes.turn)[..., None, None], 2)
-    whole = np.where(np.asarray(kept)[..., None, None], np.repeat(chosen, ways, 2), whole)
+    chosen = np.take_along_axis(whole, genes.turn[..., None, None], 2)
+    whole = np.where(kept[..., None, None], np.repeat(chosen, ways, 2), whole)
     rows = whole.reshape(lanes, count, -1)[:, stock.mask]
     kinds = max(len(np.unique(some, axis=0)) for some in rows)
     items = first_stage(SHAPES, count) or count

@@ -16,7 +16,8 @@ from jaxpack.model.job import Job, Plan
 from jaxpack.model.objectives import bounds, gap, objective_of
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
-from jaxpack.search.quick import SORTS, Best, quick_plan, search_quickly
+from jaxpack.search.local_search import Best, better
+from jaxpack.search.quick import SORTS, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
@@ -242,13 +243,13 @@ class _Searches:
         """
         sorts = min(SORTS - 1, left)
         for found, tried in islice(self._quickly(best, self.late, sorts), sorts):
-            best, left = _better(best, found), left - tried
+            best, left = better(best, found or best), left - tried
             yield found, tried
         if left and (process := self._asked(best, left)):
             try:
                 while process.running and process.alive and not self.late():
                     for found, tried in self._reply(process):
-                        best, left = _better(best, found), left - tried
+                        best, left = better(best, found or best), left - tried
                         yield found, tried
             finally:
                 give_back(process)
@@ -280,7 +281,7 @@ class _Searches:
             yield None, reply
         elif reply is not None:
             self.ready = True
-            yield Best(reply.genes, reply.bin, reply.corner, reply.cost), reply.packings
+            yield reply.best, reply.packings
 
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
         self.ready = False
@@ -289,10 +290,6 @@ class _Searches:
             yield from self._reply(process)
             if not (process.alive or process.ready):  # it ran out of memory, or somebody ended it
                 yield from self._quickly(best, self.late)
-
-
-def _better(best: Best, found: Best | None) -> Best:
-    return found if found and found.cost < best.cost else best
 
 
 def cheapest_types(

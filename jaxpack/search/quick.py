@@ -15,21 +15,13 @@ from jaxpack.model.objectives import Placed
 from jaxpack.packing.rules import RULES, Rule, rule_named
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
+from jaxpack.search.local_search import Best
 
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
 HEAT = 0.05  # rises of this size are accepted one time in three, in prices
 
 Stop = Callable[[], bool]
-
-
-class Best(NamedTuple):
-    """A packing, and what makes it."""
-
-    genes: Genes
-    bin: np.ndarray  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
-    corner: np.ndarray  # int32 [N, 3], units
-    cost: float
 
 
 class Run(NamedTuple):
@@ -239,8 +231,8 @@ def genes_of(loading: Loading, runs: list[Run], pool: np.ndarray) -> Genes:
 def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> float:
     """What a packing costs to the search: see `Objective.cost`."""
     lies = loading.stock.sizes[np.arange(len(bin)), genes.turn]
-    placed = Placed(bin, corner, lies)
-    return float(loading.objective.cost(np, loading.stock, placed))
+    placed = Placed(bin[None], corner[None], lies[None])
+    return float(loading.objective.cost(loading.stock, placed)[0])
 
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:

@@ -2,9 +2,8 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from jaxpack.model.encoding import Genes, Loading
+from jaxpack.search.local_search import Best
 
 
 class Request(NamedTuple):
@@ -21,10 +20,7 @@ class Request(NamedTuple):
 class Found(NamedTuple):
     """The best packing so far, rows as those of the job."""
 
-    genes: Genes
-    bin: np.ndarray  # int32 [N]
-    corner: np.ndarray  # int32 [N, 3]
-    cost: float
+    best: Best
     packings: int  # tried since the last one
 
 

@@ -6,7 +6,6 @@ A new one is an `Objective` in a file of its own, and an entry of the table in `
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -21,16 +20,15 @@ if TYPE_CHECKING:
 
 
 class Placed(NamedTuple):
-    """One packing as a search has it, in arrays of NumPy or of JAX; rows are those of the stock."""
+    """P packings as a search has them, in NumPy; rows are those of the stock."""
 
-    bin: Any  # int32 [N], index of `Stock.bins`, -1 for what is left out and for padding
-    corner: Any  # int32 [N, 3], units
-    size: Any  # int32 [N, 3], units, as the item lies
+    bin: np.ndarray  # int32 [P, N], index of `Stock.bins`, -1 for what is left out and for padding
+    corner: np.ndarray  # int32 [P, N, 3], units
+    size: np.ndarray  # int32 [P, N, 3], units, as the item lies
 
 
-Cost = Callable[[ModuleType, "Stock", Placed], Any]
-"""(`numpy` or `jax.numpy`, the job, a packing) -> a number, about 1 for each bin; for JAX traced
-with neither lanes nor instances, and batched with vmap."""
+Cost = Callable[["Stock", Placed], np.ndarray]
+"""(the job, packings) -> what each of them costs, about 1 for each bin: float64 [P]."""
 
 
 def _on_a_grid_alone(*_: Any) -> NoReturn:
@@ -83,21 +81,20 @@ class Objective:
         return self.worth is not _on_a_grid_alone
 
 
-def sum_by_bin(xp: ModuleType, bin: Any, amount: Any, bins: int) -> Any:
-    """What the items of each bin come to: [bins].
+def sum_by_bin(bin: np.ndarray, amount: np.ndarray, bins: int) -> np.ndarray:
+    """What the items of each bin come to: float64 [P, bins].
 
     Args:
-        xp: `numpy` or `jax.numpy`.
-        bin: int [N], -1 for what is in none.
+        bin: int [P, N], -1 for what is in none.
         amount: [N].
         bins: how many there may be.
     """
-    packed = bin >= 0
-    if xp is np:
-        return np.bincount(bin[packed], amount[packed], bins)
-    return xp.zeros(bins).at[bin].add(amount * packed)
+    lane, item = np.nonzero(bin >= 0)
+    slot = lane * bins + bin[lane, item]
+    return np.bincount(slot, amount[item], len(bin) * bins).reshape(-1, bins)
 
 
-def sum_where(xp: ModuleType, some: Any, amount: Any) -> Any:
-    """What those come to: the sum of amount [n] where bool [n]."""
-    return amount[some].sum() if xp is np else (amount * some).sum()
+def left_out_cost(stock: "Stock", placed: Placed, penalty: float) -> np.ndarray:
+    """Where something is left out the penalty, up to twice as much if all is: float64 [P]."""
+    missing = ((placed.bin < 0) & stock.mask).sum(1) / stock.mask.sum()
+    return np.where(missing > 0, penalty * (1 + missing), 0)

@@ -1,13 +1,14 @@
 """As few bins as possible, then the smallest ones: what is wanted where bins cost nothing."""
 
 from functools import partial
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from jaxpack.model.bounds import bin_bounds
 from jaxpack.model.figures import bins_worth
 from jaxpack.model.job import Job, Plan
-from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin, sum_where
+from jaxpack.model.objectives.base import Objective, Placed, left_out_cost, sum_by_bin
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -15,20 +16,18 @@ if TYPE_CHECKING:
 WEIGHT_OF_FILL = 0.5  # below 1, so that a bin less is always better
 
 
-def bins_cost(xp: ModuleType, stock: "Stock", placed: Placed) -> Any:
+def bins_cost(stock: "Stock", placed: Placed) -> np.ndarray:
     """Price of the used bins, then how unevenly they are filled: see `Cost`.
 
     To leave something out is worse than any number of bins.
     """
-    real = xp.zeros(0).dtype
-    volume = stock.sizes[:, 0].astype(real).prod(1) * stock.mask
-    room = xp.maximum(stock.bins.astype(real).prod(1), 1)  # 0 where there is no bin
-    held = sum_by_bin(xp, placed.bin, volume, len(room))
+    volume = stock.sizes[:, 0].astype(float).prod(1) * stock.mask
+    room = np.maximum(stock.bins.astype(float).prod(1), 1)  # 0 where there is no bin
+    held = sum_by_bin(placed.bin, volume, len(room))
     # Of two packings in equally many bins the one with an emptier bin is nearer to one less.
-    even = (held * held / room).sum() / xp.maximum(held.sum(), 1e-9)
-    missing = ((placed.bin < 0) & stock.mask).sum() / stock.mask.sum()
-    left_out = xp.where(missing > 0, stock.penalty * (1 + missing), 0)
-    return sum_where(xp, held > 0, stock.price) + WEIGHT_OF_FILL * (1 - even) + left_out
+    even = (held * held / room).sum(1) / np.maximum(held.sum(1), 1e-9)
+    left_out = left_out_cost(stock, placed, stock.penalty)
+    return (held > 0) @ stock.price.astype(float) + WEIGHT_OF_FILL * (1 - even) + left_out
 
 
 def _bins(job: Job, plan: Plan) -> float:

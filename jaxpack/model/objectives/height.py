@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from fractions import Fraction
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import Bounds, least_height
 from jaxpack.model.exact import exact
 from jaxpack.model.job import BinType, Job, Plan
-from jaxpack.model.objectives.base import Objective, Placed
+from jaxpack.model.objectives.base import Objective, Placed, left_out_cost
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -46,20 +47,18 @@ def _bound(job: Job, seconds: float | None) -> Bounds:
     return Bounds(some, 0.0, goods.unfit, (goods.unfit, least), float(least))
 
 
-def _cost(xp: ModuleType, stock: "Stock", placed: Placed) -> Any:
+def _cost(stock: "Stock", placed: Placed) -> np.ndarray:
     """Height, then how high the items are on average, in heights that the volume needs: see `Cost`.
 
     To leave something out is worse than any height.
     """
-    real = xp.zeros(0).dtype
-    volume = stock.sizes[:, 0].astype(real).prod(1) * stock.mask
-    length, width, height = stock.bins.astype(real).max(0)
+    volume = stock.sizes[:, 0].astype(float).prod(1) * stock.mask
+    length, width, height = stock.bins.astype(float).max(0)
     needed = volume.sum() / (length * width)
-    top = xp.where(placed.bin < 0, 0, placed.corner[:, 2] + placed.size[:, 2]).astype(real)
-    level = (volume * top).sum() / volume.sum()
-    missing = ((placed.bin < 0) & stock.mask).sum() / stock.mask.sum()
-    left_out = xp.where(missing > 0, 2 * height * (1 + missing), 0)
-    return STEEP * (top.max() + OF_LEVEL * level + left_out) / needed
+    top = np.where(placed.bin < 0, 0, placed.corner[..., 2] + placed.size[..., 2])
+    level = top @ volume / volume.sum()
+    left_out = left_out_cost(stock, placed, 2 * height)
+    return STEEP * (top.max(1) + OF_LEVEL * level + left_out) / needed
 
 
 HEIGHT = Objective(

@@ -1,13 +1,14 @@
 """The greatest value of what is packed: bins hold the best subset, and the rest is left out."""
 
 from fractions import Fraction
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from jaxpack.model.bounds import Bounds, most_profit
 from jaxpack.model.figures import bins_worth, plan_profit, profit_of, volume
 from jaxpack.model.job import Job, Plan
-from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin, sum_where
+from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -35,12 +36,11 @@ def _total(job: Job) -> float:
     return float(sum(profit_of(item) * item.copies for item in job.items))
 
 
-def _cost(xp: ModuleType, stock: "Stock", placed: Placed) -> Any:
+def _cost(stock: "Stock", placed: Placed) -> np.ndarray:
     """1 less the share of what the bins can hold at best, by volume: see `Cost`."""
-    packed = placed.bin >= 0
-    used = sum_by_bin(xp, placed.bin, stock.mask * 1.0, len(stock.price)) > 0
-    value = sum_where(xp, packed, stock.profit)
-    return STEEP * (1 - value) + OF_BINS * sum_where(xp, used, stock.price)
+    value = (placed.bin >= 0) @ stock.profit.astype(float)
+    used = sum_by_bin(placed.bin, stock.mask * 1.0, len(stock.price)) > 0
+    return STEEP * (1 - value) + OF_BINS * (used @ stock.price.astype(float))
 
 
 VALUE = Objective(

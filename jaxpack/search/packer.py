@@ -1,0 +1,109 @@
+"""First fit of many lanes side by side, compiled: NumPy's arrays in and out.
+
+Everything but the placing itself is done here, in NumPy: what is compiled is waited for, and this
+is the one program of a search.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import jax
+import numpy as np
+from jax import Array
+
+from jaxpack.model.encoding import Genes, Loading, Stock, most_together, padded
+from jaxpack.packing.decode import Bins, Items, decode
+from jaxpack.packing.rules import rule_named
+from jaxpack.packing.top_faces import SHORT, TopFaces
+from jaxpack.xla.target import Target, target, traced_for
+
+QUICKLY = {"xla_backend_optimization_level": 1}
+"""What XLA is asked for: a third less to compile, and the program is no slower for it."""
+PIECE = 64  # lanes that a CPU packs side by side
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """What a program is made for: hashable, a static argument of ``jit``."""
+
+    surface: TopFaces
+    rule: str = "lowest"  # of positions, a name in `jaxpack.packing.rules`
+    made_for: Target = field(default_factory=target)
+
+
+def encode(loading: Loading) -> tuple[Decoding, Stock]:
+    """What is static of the program, and the stock padded to the next size that has one."""
+    items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
+    most = _power_of_two(most_together(loading.stock))
+    short = int(loading.stock.bins.max()) <= SHORT
+    surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
+    return Decoding(surface, loading.rules.rule), padded(loading.stock, items, bins)
+
+
+def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[np.ndarray, np.ndarray]:
+    """(bin int32 [P, N], an index of `Stock.bins` or -1, corner int32 [P, N, 3]) by row."""
+    stocks, many = Stock(*(leaf[None] for leaf in stock)), Genes(*(leaf[None] for leaf in genes))
+    bin, corner = pack_jobs(decoding, stocks, many)
+    return bin[0], corner[0]
+
+
+def pack_jobs(decoding: Decoding, stocks: Stock, genes: Genes) -> tuple[np.ndarray, np.ndarray]:
+    """`pack_lanes` of B jobs that are padded alike: leaves [B, ...] and [B, P, ...].
+
+    Many lanes are packed piece by piece, those of the smallest jobs first: a piece takes as long as
+    the longest of its lanes.
+    """
+    B, P, N = genes.order.shape
+    piece = min(B * P, decoding.made_for.lanes(PIECE))
+    job, lane = np.divmod(np.argsort(stocks.mask.sum(1).repeat(P), kind="stable"), P)
+    bin, corner = np.empty((B, P, N), np.int32), np.empty((B, P, N, 3), np.int32)
+    for first in range(0, B * P, piece):
+        some = slice(first, first + piece)
+        rows = [np.resize(column[some], piece) for column in (job, lane)]  # the last one filled up
+        bin[*rows], corner[*rows] = _piece(decoding, stocks, genes, *rows)
+    return bin, corner
+
+
+def _piece(
+    decoding: Decoding, stocks: Stock, genes: Genes, job: np.ndarray, lane: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the lanes [P] of the jobs [P]."""
+    order, turn, pool = (leaf[job, lane] for leaf in genes)
+    which, row = job[:, None], np.arange(len(job))[:, None]
+    turned = turn[row, order]
+    dtype = decoding.surface.dtype
+    tables = (
+        stocks.sizes[which, order, turned].astype(dtype).T,
+        stocks.needed[which, order, turned].T,
+        stocks.mask[which, order].T,
+        stocks.weight[which, order].T,
+        stocks.bins[which, pool].astype(dtype).T,
+        stocks.limit[which, pool].T,
+    )
+    with jax.enable_x64(True):  # areas and weights may have 64 bits
+        slot, place = map(np.asarray, first_fit(decoding, *tables))
+    bin, corner = np.empty_like(order), np.empty((*order.shape, 3), np.int32)
+    bin[row, order] = np.where(slot.T < 0, -1, pool[row, slot.T])
+    corner[row, order] = place.T
+    return bin, corner
+
+
+@partial(jax.jit, static_argnames="decoding", compiler_options=QUICKLY)
+def first_fit(
+    decoding: Decoding,
+    sizes: Array,  # [3, N, P], units, the items in their packing order
+    needed: Array,  # [N, P]
+    waiting: Array,  # bool [N, P]
+    weight: Array,  # [N, P]
+    rooms: Array,  # [3, S, P], units, the bins in theirs
+    limit: Array,  # [S, P]
+) -> tuple[Array, tuple[Array, Array, Array]]:
+    """(bin [N, P], its place in the sequence of bins or -1, corner [N, P] each)."""
+    items = Items((sizes[0], sizes[1], sizes[2]), needed, waiting, weight)
+    bins = Bins((rooms[0], rooms[1], rooms[2]), limit)
+    with traced_for(decoding.made_for):
+        return decode(decoding.surface, rule_named(decoding.rule), items, bins)
+
+
+def _power_of_two(count: int) -> int:
+    return max(16, 1 << (count - 1).bit_length())
