@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache, partial
 from itertools import permutations
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +21,7 @@ from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
 from jaxpack.packing.env import compact, decisions_of, observe, reset, step
 from jaxpack.packing.height_map import empty_map, lowest, rest
-from jaxpack.packing.table import Table, footprints, rests, surroundings
+from jaxpack.packing.table import Table, footprints, rests, rests_in_a_loop, surroundings
 
 PROBLEMS = {
     "2d": replace(PAPER_2D, largest=None),
@@ -136,6 +137,7 @@ def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
     heights = np.where(empty == wall, wall, rng.integers(0, 4, empty.shape)).astype(empty.dtype)
     heights = np.where(empty == wall, wall, np.minimum(heights, np.asarray(bins)[2]))
     at = rests(problem, jnp.asarray(heights))
+    chex.assert_trees_all_equal(at, rests_in_a_loop(problem, jnp.asarray(heights)))
     around = surroundings(problem, jnp.asarray(heights), bins, at)
     checked = 0
     for row, (length, width) in enumerate(footprints(problem)):

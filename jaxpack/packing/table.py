@@ -11,6 +11,7 @@ Footprint (l, w) has row (l - 1) * window width + w - 1; F is the number of foot
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -42,6 +43,7 @@ class Table:
     """The view of bins in cells, whose rule is the paper's: see `jaxpack.packing.view`."""
 
     problem: Problem  # the rules
+    rolled: bool = False  # one footprint after the other: slower, and compiled in half the time
     lanes = 64  # what a network holds of them stays in a core's cache
 
     @property
@@ -106,7 +108,8 @@ class Table:
     def place(self, state: Cells, bins: Array, size: Triple, corner: Triple, fits: Array) -> Cells:
         """A new table."""
         heights = drop(self.problem, state.heights, size, corner, fits)
-        return Cells(heights, rests(self.problem, heights))
+        find = rests_in_a_loop if self.rolled else rests
+        return Cells(heights, find(self.problem, heights))
 
     def _row(self, sides: Triple) -> Array:
         row = (sides[0].astype(jnp.int32) - 1) * self.problem.window[1] + sides[1] - 1
@@ -151,6 +154,35 @@ def rests(problem: Problem, heights: Array) -> Rests:
     place_y = jnp.arange(W, dtype=z.dtype).reshape(1, -1, *(1,) * (z.ndim - 2))
     here = (place_x == x) & (place_y == y)
     return Rests(x, y, z_best, jnp.where(here, count, 0).max((0, 1)))
+
+
+def rests_in_a_loop(problem: Problem, heights: Array) -> Rests:
+    """The same, of one footprint after the other."""
+    (L, W, _), dtype = problem.bin, heights.dtype
+    ones = jnp.ones((L, *heights.shape[1:]), dtype)
+    lengths, widths = (jnp.arange(side, dtype=jnp.int32) for side in problem.window)
+    X, Y = (jnp.arange(side, dtype=dtype) for side in (L, W))
+
+    def longer(before: tuple[Array, Array], length: Array) -> tuple[tuple[Array, Array], Rests]:
+        beside = jax.lax.dynamic_slice_in_dim(heights, length, L)
+        strip = higher(*before, beside, ones)
+
+        def wider(before: tuple[Array, Array], width: Array) -> tuple[tuple[Array, Array], Rests]:
+            rows = (jax.lax.dynamic_slice_in_dim(leaf, width, W, 1) for leaf in strip)
+            z, count = higher(*before, *rows)
+            needed = problem.cells_needed((length + 1) * (width + 1)).astype(dtype)
+            (x, y, best), _ = lowest(problem, jnp.where(count >= needed, z, np.iinfo(dtype).max))
+            here = (X.reshape(-1, *(1,) * (z.ndim - 1)) == x) & (
+                Y.reshape(-1, *(1,) * (z.ndim - 2)) == y
+            )
+            return (z, count), Rests(x, y, best, jnp.where(here, count, 0).max((0, 1)))
+
+        nothing = jnp.full_like(ones[:, :W], -1)
+        return strip, jax.lax.scan(wider, (nothing, 0 * nothing), widths)[1]
+
+    nothing = jnp.full_like(ones, -1)
+    _, found = jax.lax.scan(longer, (nothing, 0 * nothing), lengths)
+    return Rests(*(leaf.reshape(-1, *leaf.shape[2:]) for leaf in found))
 
 
 def surroundings(problem: Problem, heights: Array, bins: Array, at: Rests) -> Surroundings:

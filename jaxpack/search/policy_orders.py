@@ -20,6 +20,7 @@ from jaxpack.model.encoding import Genes, Loading, Stock
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import Decisions
 from jaxpack.packing.table import Table
+from jaxpack.search.packer import QUICKLY
 
 CELLS = {2: range(8, 21), 3: range(6, 9)}
 """Dimension -> how many cells an axis may be cut into."""
@@ -29,7 +30,7 @@ STREAM = 1 << 30  # of the draws
 TEMPERATURE = 2.0  # the policy is sure of itself; what is wanted here are different orders
 
 
-@partial(jax.jit, static_argnames=("problem", "network", "kinds"))
+@partial(jax.jit, static_argnames=("problem", "network", "kinds"), compiler_options=QUICKLY)
 def draw(
     problem: Problem,
     network: Any,  # a bin-aware one
@@ -39,7 +40,8 @@ def draw(
     kinds: int,
 ) -> Decisions:
     """What the policy decides, compiled in as few seconds as can be."""
-    return decide(network, Table(problem), params, instances, keys, kinds, TEMPERATURE, cuts=())
+    view = Table(problem, rolled=True)
+    return decide(network, view, params, instances, keys, kinds, TEMPERATURE, cuts=())
 
 
 def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, seed: int) -> Genes:
