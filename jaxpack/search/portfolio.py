@@ -16,11 +16,13 @@ from jaxpack.model.job import Job, Plan
 from jaxpack.model.objectives import bounds, gap, objective_of
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
+from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.local_search import Best, better
 from jaxpack.search.quick import SORTS, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
+TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
 BOUNDING = 0.15  # share of the time that bounds may take
 CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it,
@@ -234,8 +236,20 @@ class _Searches:
     def _quickly(
         self, best: Best, stop: Callable[[], bool], sorts: int = SORTS - 1
     ) -> Iterator[tuple[Best | None, int]]:
-        for found in search_quickly(self.loading, self.options.seed, best, stop, sorts):
-            yield found, int(found is not None)
+        """What nobody has to compile: sorts, then bins by value and annealing, in turns."""
+        annealing = (
+            (found, int(found is not None))
+            for found in search_quickly(self.loading, self.options.seed, best, stop, sorts)
+        )
+        yield from islice(annealing, sorts)
+        by_value = self._by_value(stop)
+        while not stop():
+            for searches in (by_value, annealing):
+                yield from islice(searches, TURN if searches is annealing else 1)
+
+    def _by_value(self, stop: Callable[[], bool]) -> Iterator[tuple[Best | None, int]]:
+        if has_values(self.loading):
+            yield from search_values(self.loading, self.options.seed, stop)
 
     def _counted(self, best: Best, left: int) -> Iterator[tuple[Best | None, int]]:
         """So many packings, whatever the clock says: sorts, the compiled search, and in NumPy what
@@ -286,7 +300,9 @@ class _Searches:
     def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
         self.ready = False
         yield from self._quickly(best, lambda: self.late() or process.ready)
+        by_value = self._by_value(self.late)
         while not self.late():
+            yield from islice(by_value, 1)
             yield from self._reply(process)
             if not (process.alive or process.ready):  # it ran out of memory, or somebody ended it
                 yield from self._quickly(best, self.late)

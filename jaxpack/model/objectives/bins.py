@@ -48,5 +48,6 @@ BINS = Objective(
     measure=_bins,
     cost=bins_cost,
     parts=PARTS,
+    by_bins=True,
     on_grid=_on_grid,
 )
