@@ -22,10 +22,10 @@ from jaxpack.search.filling import BLOCKS, FAR, Filling, Goods
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import cost_of
 
-LARGER = 1.1  # exponent of the volume in the first values: large items are worth more than theirs
+LARGER = 1.3  # exponent of the volume in the first values: large items are worth more than theirs
 PASSES = 32  # after which a lane begins anew
 NOISE = 0.1  # of the values of a lane, but for the first ones
-DRAWN = 0.3  # of the values of a draw
+DRAWN = 0.6  # of the values of a draw
 GROUPS, DRAWS = 2, 8  # groups of lanes that learn values; fillings of which each takes the best
 COVER = 8  # passes after which bins of all of them are put together
 NODES = 200  # of the branch and bound for that
@@ -306,18 +306,19 @@ def best_of(kinds: Kinds, bins: list[Filled]) -> Best | None:
         kind: iter(np.flatnonzero(loading.bins == loading.bins[row]).tolist())
         for kind, row in enumerate(kinds.bins)
     }
-    pool = []
+    packed = []
     for one in bins:
         rows, places = _items(kinds, one)
         for _ in range(one.times):
-            slot = next(slots[one.kind])
-            pool.append(slot)
-            stays = _without_surplus(kinds, rows, places, surplus) if (surplus > 0).any() else ...
-            for row, place in zip(rows[stays].tolist(), places[stays], strict=True):
-                mine = waiting[row // ways].pop()
-                turn[mine], bin[mine], corner[mine] = row % ways, slot, place
+            stays = _without_surplus(kinds, rows, places, surplus)
+            packed.append((next(slots[one.kind]), rows[stays], places[stays]))
     if (surplus > 0).any():
         return None
+    for slot, rows, places in packed:
+        for row, place in zip(rows.tolist(), places, strict=True):
+            mine = waiting[row // ways].pop()
+            turn[mine], bin[mine], corner[mine] = row % ways, slot, place
+    pool = [slot for slot, *_ in packed]
     order = np.lexsort((corner[:, 2], bin)).astype(np.int32)
     rest = np.setdiff1d(np.arange(len(loading.bins)), pool)
     genes = Genes(order, turn, np.concatenate([pool, rest]).astype(np.int32))
@@ -345,7 +346,7 @@ def _without_surplus(
     K = len(surplus)
     kind, stays = rows // (kinds.side.shape[1] // K), np.ones(len(rows), bool)
     far = places + kinds.side[:, rows].T
-    for n in np.argsort(-far[:, 2], kind="stable").tolist():
+    for n in np.argsort(-far[:, 2], kind="stable").tolist() if (surplus > 0).any() else ():
         if surplus[kind[n]] <= 0:
             continue
         above = stays & (places[:, 2] == far[n, 2])

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-SPACES, BLOCKS = 48, 96
+SPACES, BLOCKS = 24, 96
 """Free boxes that are remembered, and blocks that a bin may hold at most."""
-CUT, TOPS = 8, 8
+CUT, TOPS = 4, 4
 """Free boxes that a block is cut out of, and tops beside each other that are seen."""
 FAR = 2**30  # units, more than any side
 AXES = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
