@@ -26,7 +26,8 @@ LARGER = 1.3  # exponent of the volume in the first values: large items are wort
 PASSES = 32  # after which a lane begins anew
 NOISE = 0.1  # of the values of a lane, but for the first ones
 DRAWN = 0.6  # of the values of a draw
-GROUPS, DRAWS = 2, 8  # groups of lanes that learn values; fillings of which each takes the best
+GROUPS, DRAWS = 1, 32  # groups of lanes that learn values; fillings of which each takes the best
+LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
 COVER = 8  # passes after which bins of all of them are put together
 NODES = 200  # of the branch and bound for that
 FINE = 4096  # lengths that sums of edges are known for; longer sides are rounded
@@ -168,6 +169,8 @@ class _Groups:
         noise = DRAWN * self.random.standard_normal(value.shape)
         strict = self.random.choice([0.25, 0.5, 1.0, 2.0], P)
         noise[:, draw < 2] = 0
+        less = self.random.random((3, kinds.side.shape[1], P)) < LESS
+        less[..., draw < 4] = 0
         strict[draw < 2] = 1
         goods = Goods(
             side=side,
@@ -180,6 +183,7 @@ class _Groups:
             sums=sums.ravel(),
             first=np.where(swapped, first[[1, 0, 2]], first).astype(np.int32),
             unit=np.int32(kinds.unit),
+            less=less.astype(np.int32),
             strict=strict.astype(np.float32),
         )
         return goods, swapped

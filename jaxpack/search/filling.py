@@ -37,6 +37,7 @@ class Goods(NamedTuple):
     sums: Any  # int32 [3 L], longest sum of edges up to each length; see `longest_sums`
     first: Any  # int32 [3, P], where in it an axis begins
     unit: Any  # int32[], units, of which lengths in it are multiples
+    less: Any  # int32 [3, R, P], items that a block is shorter by than it could be
     strict: Any  # float32 [P], what spoiled volume counts
 
 
@@ -194,6 +195,7 @@ def _best_block(xp: Any, several: bool, goods: Goods, now: Filling, space: Space
         reach[axis] = xp.minimum(beyond, most[axis])
         along.append(xp.stack(reach))
     number = xp.stack(along, 1)  # [3, 2, R, P]
+    number = xp.where(number > 1, xp.maximum(number - goods.less[:, None], 1), number)
     grids = []
     for axes in AXES if several else AXES[:1]:
         room, grid = copies[None], [None] * 3
