@@ -19,9 +19,10 @@ from jax.custom_batching import custom_vmap
 
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.decode import Bins, Items, decode
-from jaxpack.packing.height_map import LARGE_WINDOW, HeightMap, cell_dtype
+from jaxpack.packing.height_map import LARGE_WINDOW
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
+from jaxpack.packing.surface_view import surface_of
 from jaxpack.xla.pieces import in_pieces
 from jaxpack.xla.programs import least, total, whole
 from jaxpack.xla.target import Target, target, traced_for
@@ -50,7 +51,7 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
 
     Returns:
-        Bins, positions and sums over every bin, int32 [N, ...] in cells.
+        Bins, positions and sums over every bin, int32 [N, ...] in cells (or units, of faces).
 
     Raises:
         AssertionError: where ranks, shapes or dtypes are others; a batch takes `vmap`.
@@ -92,50 +93,70 @@ def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     batch = order.shape[0]
     if not target().cpu or batch < SEVERAL:
         return _first_fit(problem, instance, order)
-    most, vector = LANES, VECTOR // cell_dtype(problem).itemsize
-    if max(problem.window) >= LARGE_WINDOW:
+    most, vector = LANES, VECTOR // surface_of(problem).dtype.itemsize
+    if problem.surface == "cells" and max(problem.window) >= LARGE_WINDOW:
         most, vector = FEW_LANES, 1
     size = -(-batch // -(-batch // most))
-    return in_pieces(
-        lambda piece: _first_fit(problem, *piece), (instance, order), -(-size // vector) * vector
-    )
+    size = -(-size // vector) * vector
+    if problem.surface == "cells":
+        return in_pieces(lambda piece: _first_fit(problem, *piece), (instance, order), size)
+    # Those of the fewest items first: a piece takes as long as the longest of its members.
+    rank = jnp.argsort(instance.mask.sum(1))
+    ranked = jax.tree.map(lambda leaf: leaf[rank], (instance, order))
+    packed = in_pieces(lambda piece: _first_fit(problem, *piece), ranked, size)
+    return jax.tree.map(lambda leaf: jnp.zeros_like(leaf).at[rank].set(leaf), packed)
 
 
 def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     """One piece. Inside, batches are last: see `height_map`."""
-    dtype = cell_dtype(problem)
+    surface = surface_of(problem)
+    dtype = surface.dtype
     # Items larger than the bin or the kernel's window never fit, and their sides may not survive
     # the narrow type below.
     limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]]))
     able = (instance.mask & (instance.size <= limit[:, None]).all(-1)).T
     sizes = instance.size.transpose(2, 1, 0)
-    needed = problem.cells_needed(sizes[0] * sizes[1]).astype(dtype)
+    needed = problem.cells_needed(sizes[0] * sizes[1])
+    if problem.surface == "cells":
+        needed = needed.astype(dtype)
     length, width, height = sizes.astype(dtype)
     sides = length, width, height
     room = instance.bin.T.astype(dtype)
     bins = Bins((room[0], room[1], room[2]))
     items = Items(sides, needed, able)
-    packer = partial(decode, HeightMap(problem), rule_named(problem.rule))
+    packer = partial(decode, surface, rule_named(problem.rule))
     placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
-    stats = _stats_by_bin(problem, placed.bin, placed.corner, sides)
+    stats = _stats_by_bin(problem, placed.bin, placed.corner, sides, bins.size)
     position = jnp.stack([place.T.astype(jnp.int32) for place in placed.corner], -1)
     return Packing(placed.bin.T.astype(jnp.int32), position, *stats.transpose(1, 2, 0))
 
 
-def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
+def _stats_by_bin(
+    problem: Problem, bin: Array, corner: Triple, sides: Triple, room: Triple
+) -> Array:
     """Volume, highest point and sum of the height map of every bin slot: int32 [N, 3, B].
 
     Apart from the loop that packs, so that who wants placements only does not pay for it.
 
     Args:
         bin, corner, sides: integers [N, B] by item.
+        room: [B], the bins' sides.
     """
     L, W, _ = problem.bin
     N, batch = bin.shape
-    dtype = sides[0].dtype
-    x = jnp.arange(L, dtype=dtype)[:, None, None]
-    y = jnp.arange(W, dtype=dtype)[:, None]
+    dtype, faces = sides[0].dtype, problem.surface == "faces"
+    if not faces:
+        x = jnp.arange(L, dtype=dtype)[:, None, None]
+        y = jnp.arange(W, dtype=dtype)[:, None]
     ends = tuple(at + side for at, side in zip(corner, sides, strict=True))
+    if faces:
+        x, length = (of_x[:, None] for of_x in _lines(ends[0], room[0]))
+        y, width = (of_y if W > 1 else of_y[:1] for of_y in _lines(ends[1], room[1]))
+        L, W = len(x), len(y)
+
+    def columns(heights: Array) -> Array:
+        return heights * length * width if faces else heights
+
     volume = math.prod(side.astype(jnp.int32) for side in sides)
     top = ends[2].astype(jnp.int32)
 
@@ -151,10 +172,26 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
         found = (
             total(jnp.where(inside, volume, 0), 1),
             -least(jnp.where(inside, -top, 0), 1),
-            total(heights.astype(jnp.int32), 2),
+            total(columns(heights.astype(jnp.int32)), 2),
         )
         return stats.at[slot].set(jnp.stack(found))
 
     nothing = jnp.zeros((N, 3, batch), jnp.int32)
     # A scatter takes one number after the other; a slot at a time takes all lanes.
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
+
+
+def _lines(ends: Array, room: Array) -> tuple[Array, Array]:
+    """Where the map of a bin without cells may change, from 0 on, and how far it is to the next.
+
+    Items begin where others end: [N + 1, B], of the ends' type and int32; what is there twice is
+    at no distance.
+
+    Args:
+        ends: [N, B], far edges along an axis.
+        room: [B], where the bin ends.
+    """
+    first = jnp.zeros_like(ends[:1])
+    lines = jnp.sort(jnp.concatenate([first, jnp.clip(ends, 0, room)]), 0)
+    following = jnp.concatenate([lines[1:], room[None]])
+    return lines, (following - lines).astype(jnp.int32)
