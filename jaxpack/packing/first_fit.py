@@ -47,7 +47,7 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
 
     Args:
         problem: the static rules.
-        instance: one instance of N items.
+        instance: one instance of N items, which lie as their sizes are; see `in_orientation`.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
 
     Returns:
@@ -60,6 +60,7 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     chex.assert_shape(instance.bin, (3,))
     chex.assert_shape([instance.mask, order], (len(instance.size),))
     chex.assert_shape(instance.size, (None, 3))
+    instance = instance._replace(turned=None)
     one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
     packing = _batched(problem, target())(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)
