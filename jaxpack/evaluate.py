@@ -118,7 +118,7 @@ def make_cells(options: EvaluateOptions) -> tuple[EvaluateOptions, Problem, list
         shipped = options.preset
         if shipped == EvaluateOptions.preset:
             shipped = f"bin-aware-{len(problem.axes)}d-turned"
-        options = replace(options, preset=shipped)
+        options = replace(options, preset=shipped, batch=min(options.batch, count))
     if options.instances is None:
         options = replace(options, instances=count)
     return options, replace(problem, rule=options.rule), cells

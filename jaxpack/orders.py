@@ -74,8 +74,12 @@ def order_instances(options: Any) -> Orders | None:
     for name in ("items", "bin", "sides"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: does not go with --orders, which have their own")
-    bins = None if options.bins is None else str(options.bins)
+    bins = None if options.bins is None else str(options.bins.absolute())
     files = OrderFiles(
-        str(options.orders), bins, options.bin_type, tuple(options.ignore), options.skip_unfit
+        str(options.orders.absolute()),
+        bins,
+        options.bin_type,
+        tuple(options.ignore),
+        options.skip_unfit,
     )
     return order_files.read_orders(files, say=partial(print, file=sys.stderr))

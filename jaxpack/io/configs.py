@@ -7,22 +7,18 @@ from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any, TypeVar
 
 from jaxpack.errors import UserError
-from jaxpack.io.order_files import read_orders
 from jaxpack.learning.bin_network import SEES, Sees
 from jaxpack.learning.networks import NETWORKS, Network
 from jaxpack.learning.recipe import TrainConfig
 from jaxpack.model.instances import Distribution, Source
 from jaxpack.model.numbers import fault, show
-from jaxpack.model.orders import Goods, OrderFiles
+from jaxpack.model.orders import Goods, Orders
 
 T = TypeVar("T")
 
 
 def config_to_dict(config: Any) -> dict[str, Any]:
-    """A (nested) dataclass as plain data that `json` can write.
-
-    Of orders the files and the digest; they are read again.
-    """
+    """A (nested) dataclass as plain data that `json` can write; of orders not what is in them."""
 
     def plain(options: list[tuple[str, Any]]) -> dict[str, Any]:
         return {name: value for name, value in options if not isinstance(value, Goods)}
@@ -107,11 +103,10 @@ def _network(value: Any, where: str) -> Network:
 
 
 def _source(value: Any, where: str) -> Source:
-    """Random items, or the orders of a file, which is read."""
-    if not isinstance(value, dict) or "files" not in value:
-        return config_from_dict(Distribution, value, where)
-    files = config_from_dict(OrderFiles, value["files"], f"{where}.files")
-    return read_orders(files, digest=_value(str, value.get("digest"), f"{where}.digest"))
+    """Random items, or the orders of a file, which is not read."""
+    if isinstance(value, dict) and "files" in value:
+        return config_from_dict(Orders, value, where)
+    return config_from_dict(Distribution, value, where)
 
 
 def _options(cls: Any) -> set[str]:

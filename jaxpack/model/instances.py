@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, UserError
 from jaxpack.model.problem import MOST_CELLS, Instance, Problem, check_bin
 
 MOST_ITEMS = 1 << 20
@@ -32,6 +32,10 @@ class Source(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Any]]
     surface: ClassVar[str]
     """See `Problem.surface`."""
+
+    @property
+    def count(self) -> int:
+        """How many different instances there are to evaluate on."""
 
     @property
     def items(self) -> int:
@@ -87,6 +91,7 @@ class Distribution:
     high: int  # cells, the longest side
     turns: str = "fixed"  # how items may be turned, a name in TURNS
     surface: ClassVar[str] = "cells"
+    count: ClassVar[int] = MOST
 
     def __post_init__(self) -> None:
         if self.turns not in TURNS:

@@ -27,6 +27,9 @@ class Goods(NamedTuple):
     )  # int32 [orders, N], index along U of every item; -1 for padding, which is last
 
 
+NOTHING = Goods(np.zeros((0, 1, 3), np.int16), np.zeros((0, 0), np.int32))
+
+
 @dataclass(frozen=True)
 class OrderFiles:
     """Where orders come from, and how they are read."""
@@ -49,7 +52,8 @@ class Orders:
     digest: str  # of the bin and the goods
     bin: tuple[int, int, int]  # units
     most: int  # items, of which no bin holds more
-    goods: Goods = field(compare=False, repr=False)
+    goods: Goods = field(default=NOTHING, compare=False, repr=False)
+    """What was read; nothing in the recipe of a policy, which needs none of it."""
     surface: ClassVar[str] = "faces"
 
     @property
