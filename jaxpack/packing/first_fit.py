@@ -8,7 +8,7 @@ A turn offers one item to one bin, in every batch member its own: none waits for
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 
 import chex
@@ -143,21 +143,13 @@ def _stats_by_bin(
         bin, corner, sides: integers [N, B] by item.
         room: [B], the bins' sides.
     """
-    L, W, _ = problem.bin
+    (L, W, _), faces = problem.bin, problem.surface == "faces"
     N, batch = bin.shape
-    dtype, faces = sides[0].dtype, problem.surface == "faces"
+    dtype = sides[0].dtype
     if not faces:
         x = jnp.arange(L, dtype=dtype)[:, None, None]
         y = jnp.arange(W, dtype=dtype)[:, None]
     ends = tuple(at + side for at, side in zip(corner, sides, strict=True))
-    if faces:
-        x, length = (of_x[:, None] for of_x in _lines(ends[0], room[0]))
-        y, width = (of_y if W > 1 else of_y[:1] for of_y in _lines(ends[1], room[1]))
-        L, W = len(x), len(y)
-
-    def columns(heights: Array) -> Array:
-        return heights * length * width if faces else heights
-
     volume = math.prod(side.astype(jnp.int32) for side in sides)
     top = ends[2].astype(jnp.int32)
 
@@ -169,11 +161,14 @@ def _stats_by_bin(
             over_y = (corner[1][item] <= y) & (y < ends[1][item])
             return jnp.maximum(heights, jnp.where(inside[item] & over_x & over_y, ends[2][item], 0))
 
-        heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
+        if not faces:
+            heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
         found = (
             total(jnp.where(inside, volume, 0), 1),
             -least(jnp.where(inside, -top, 0), 1),
-            total(columns(heights.astype(jnp.int32)), 2),
+            _shadow(W == 1, inside, corner, ends, room)
+            if faces
+            else total(heights.astype(jnp.int32), 2),
         )
         return stats.at[slot].set(jnp.stack(found))
 
@@ -182,17 +177,41 @@ def _stats_by_bin(
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
 
 
-def _lines(ends: Array, room: Array) -> tuple[Array, Array]:
-    """Where the map of a bin without cells may change, from 0 on, and how far it is to the next.
+def _shadow(
+    flat: bool, inside: Array, corner: Triple, ends: Sequence[Array], room: Triple
+) -> Array:
+    """Sum of the height map of bins without cells: int32 [B].
 
-    Items begin where others end: [N + 1, B], of the ends' type and int32; what is there twice is
-    at no distance.
+    The map may change where an item ends, since others begin there. Such lines are looked at one by
+    one along x, as many as there are in the bin of which most is to be seen.
 
     Args:
-        ends: [N, B], far edges along an axis.
-        room: [B], where the bin ends.
+        flat: 2D.
+        inside: bool [N, B], what lies in them.
+        corner, ends: integers [N, B] by item, near and far edges.
+        room: [B], the bins' sides.
     """
-    first = jnp.zeros_like(ends[:1])
-    lines = jnp.sort(jnp.concatenate([first, jnp.clip(ends, 0, room)]), 0)
-    following = jnp.concatenate([lines[1:], room[None]])
-    return lines, (following - lines).astype(jnp.int32)
+
+    def lines(axis: int) -> tuple[Array, Array]:
+        """[N + 1, B], ascending, and how far it is to the next; at the wall where none is left."""
+        far = jnp.where(inside, ends[axis], room[axis])
+        line = jnp.sort(jnp.concatenate([jnp.zeros_like(far[:1]), far]), 0)
+        following = jnp.concatenate([line[1:], room[axis][None]])
+        return line, (following - line).astype(jnp.int32)
+
+    (x, length), (y, width) = lines(0), lines(1)
+    if flat:
+        y, width = y[:1], width[:1]
+    number = jax.lax.broadcasted_iota(jnp.int32, inside.shape, 0)
+    items = jnp.where(inside, number + 1, 0).max()
+
+    def strip(n: Array, sums: Array) -> Array:
+        def raised(item: Array, heights: Array) -> Array:
+            over_x = inside[item] & (corner[0][item] <= x[n]) & (x[n] < ends[0][item])
+            over_y = (corner[1][item] <= y) & (y < ends[1][item])
+            return jnp.maximum(heights, jnp.where(over_x & over_y, ends[2][item], 0))
+
+        heights = jax.lax.fori_loop(0, items, raised, jnp.zeros_like(y))
+        return sums + (heights.astype(jnp.int32) * width).sum(0) * length[n]
+
+    return jax.lax.fori_loop(0, inside.sum(0).max() + 1, strip, jnp.zeros_like(length[0]))
