@@ -90,8 +90,8 @@ class Distribution:
     low: int  # cells, the shortest side
     high: int  # cells, the longest side
     turns: str = "fixed"  # how items may be turned, a name in TURNS
-    surface: ClassVar[str] = "cells"
-    count: ClassVar[int] = MOST
+    surface: ClassVar[str] = "cells"  # see `Source`
+    count: ClassVar[int] = MOST  # of different instances: any number
 
     def __post_init__(self) -> None:
         if self.turns not in TURNS:
