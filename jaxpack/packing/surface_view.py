@@ -83,9 +83,10 @@ class SurfaceView:
 
     def corners(self, state: Any, bins: Array, sides: Triple) -> tuple[Triple, Array]:
         """Row by row."""
-        room, wanted = self._room(bins), jnp.ones(bins.shape[1], bool)
+        room = self._room(bins)
 
         def corner(size: Triple) -> Triple:
+            wanted = size[0] > 0  # or else it is padding
             # How high an item is changes nothing of the lowest position but whether it fits.
             flat = (size[0], size[1], jnp.zeros_like(size[2]))
             shown = flat if self.rule is lowest else size
