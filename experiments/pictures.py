@@ -30,8 +30,8 @@ def main() -> None:
         packings = []
         for name in METHODS:
             orders = jax.jit(make_method(name, recipe.problem, options).orders)(keys, instances)
-            packings.append((name, pack(recipe.problem, instance, orders[0])))
-        draw_packings(RESULTS / f"packings-{dimension}.png", instance, packings)
+            packings.append((name, instance, pack(recipe.problem, instance, orders[0])))
+        draw_packings(RESULTS / f"packings-{dimension}.png", packings)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from jaxpack.errors import MOST, check_counts
 from jaxpack.io.sweeps import Sweep, Tally, tally
 from jaxpack.learning.rollout import LANES
 from jaxpack.methods import Method
-from jaxpack.model.instances import Cell, Distribution, uniform_instance
+from jaxpack.model.instances import Cell, Distribution
 from jaxpack.model.metrics import (
     bins_used,
     compactness,
@@ -34,12 +34,12 @@ from jaxpack.model.metrics import (
 )
 from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, Packing, Problem
-from jaxpack.search.protocol import Search, compile_search, pack_orders, run_for
+from jaxpack.search.protocol import Orders, Search, compile_search, lying, pack_orders, run_for
 from jaxpack.xla.devices import by_batch, data_mesh, split_batch, usable_cores
 from jaxpack.xla.pieces import in_pieces
 
-Solver = Callable[[Array, Instance], tuple[Array, Packing]]
-"""(keys [B], instances) -> (orders [B, N], packings), compiled for one B; a pytree of compiled
+Solver = Callable[[Array, Instance], tuple[Orders, Packing]]
+"""(keys [B], instances) -> (orders, packings), compiled for one B; a pytree of compiled
 functions."""
 
 INSTANCE_STREAM, METHOD_STREAM = 5, 6  # folded into key(seed); training uses 0 to 4
@@ -79,7 +79,7 @@ def grid_cells(
     Raises:
         UserError: where a combination has items larger than its bin, or empty instances.
     """
-    cells = []
+    cells: list[Cell] = []
     for count, side, (low, high) in product(items, bins, sides):
         bin = problem.resized((side, side, side), high).bin
         distribution = Distribution(count, low, high)
@@ -134,20 +134,25 @@ def make_instances(
     if rows is None:
         rows = range(comparison.seeds * comparison.instances)
     seed, index = np.divmod(np.arange(rows.start, rows.stop), comparison.instances)
-    d = cell.distribution
     made: tuple[Instance, Array] = _make_instances(
         comparison.problem,
         slots,
+        cell.distribution.make,
         (seed + comparison.seed).astype(np.int32),
         index.astype(np.int32),
-        (d.items, d.low, d.high, jnp.asarray(cell.bin)),
+        (cell.distribution.numbers, jnp.asarray(cell.bin)),
     )
     return made
 
 
-@partial(jax.jit, static_argnames=("problem", "slots"))
+@partial(jax.jit, static_argnames=("problem", "slots", "make"))
 def _make_instances(
-    problem: Problem, slots: int, seeds: Array, indices: Array, cell: tuple
+    problem: Problem,
+    slots: int,
+    make: Callable[..., Instance],
+    seeds: Array,
+    indices: Array,
+    cell: tuple,
 ) -> tuple[Instance, Array]:
     def one(seed: Array, index: Array) -> tuple[Instance, Array]:
         root = jax.random.key(seed)
@@ -155,7 +160,7 @@ def _make_instances(
             jax.random.fold_in(jax.random.fold_in(root, stream), index)
             for stream in (INSTANCE_STREAM, METHOD_STREAM)
         )
-        return uniform_instance(problem, key, slots, *cell), method_key
+        return make(problem, slots, key, index, *cell), method_key
 
     return jax.vmap(one)(seeds, indices)
 
@@ -184,7 +189,7 @@ def compare(
         InvalidPackingError: where a packing behind a row breaks a rule.
     """
     slots = max(cell.distribution.items for cell in cells)
-    solver = _compile(comparison, method, slots)
+    solver = _compile(comparison, method, cells[0], slots)
     sweep = sweep or Sweep()
     rows = []
     for number, cell in enumerate(cells):
@@ -194,20 +199,17 @@ def compare(
             instances, keys = make_instances(comparison, cell, slots, chunk)
             seconds, orders, packings = _run(comparison, solver, instances, keys)
             if comparison.validate:
-                check_packings(comparison.problem, instances, orders, packings, method_name)
+                turned = lying(instances, orders)
+                check_packings(comparison.problem, *turned, packings, method_name)
             values = {k: np.asarray(v, float) for k, v in _judge(instances, packings).items()}
             sweep.add(method_name, number, tally(values, seconds))
         rows.append(_row(comparison, method_name, cell, sweep.done(method_name, number)))
     return rows
 
 
-def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
+def _compile(comparison: Comparison, method: Method, cell: Cell, slots: int) -> Solver:
     """The method and the judge, compiled for a batch."""
-    example = make_instances(
-        replace(comparison, instances=1, seeds=1),
-        Cell(comparison.problem.bin, Distribution(slots, 1, 1)),
-        slots,
-    )
+    example = make_instances(replace(comparison, instances=1, seeds=1), cell, slots)
     mesh = data_mesh(comparison.devices)
 
     def batch_of(leaf: Array) -> jax.ShapeDtypeStruct:
@@ -218,20 +220,21 @@ def _compile(comparison: Comparison, method: Method, slots: int) -> Solver:
     judge = partial(pack_orders, comparison.problem)
     if method.search is None or method.seconds is None:
 
-        def solve(keys: Array, instances: Instance) -> tuple[Array, Packing]:
+        def solve(keys: Array, instances: Instance) -> tuple[Orders, Packing]:
             orders = method.orders(keys, instances)
             return orders, judge(instances, orders)
 
         return jax.jit(split_batch(mesh, solve)).lower(keys, instances).compile()
     search = compile_search(method.search, keys, instances, mesh)
-    orders = batch_of(jnp.zeros((1, slots), jnp.int32))
+    one = batch_of(jnp.zeros((1, slots), jnp.int32))
+    orders = jax.tree.map(lambda _: one, search.best.output_shardings)  # type: ignore[attr-defined]
     packed = jax.jit(split_batch(mesh, judge)).lower(instances, orders).compile()
     # Batches share the cores: each may take longer than its share of the whole's time.
     seconds = method.seconds * comparison.batch * comparison.threads
 
     def run(
         search: Search, packed: Callable, keys: Array, instances: Instance
-    ) -> tuple[Array, Packing]:
+    ) -> tuple[Orders, Packing]:
         found = run_for(search, keys, instances, seconds)
         return found, packed(instances, found)
 
@@ -244,7 +247,7 @@ def _rows(batch: Any, rows: np.ndarray) -> Any:
 
 def _run(
     comparison: Comparison, solver: Solver, instances: Instance, keys: Array
-) -> tuple[float, np.ndarray, Packing]:
+) -> tuple[float, Orders, Packing]:
     """(seconds, orders, packings) of all instances, batch by batch, on all cores."""
     total = keys.shape[0]
     # The last batch repeats the last instance: one compiled shape, and its rows are dropped.
@@ -256,7 +259,7 @@ def _run(
     # A compiled function lets no other thread in until its first call is done: own ones for each.
     solvers = [jax.tree.map(copy, solver) for _ in batches]
 
-    def solve(solver: Solver, batch: tuple[Array, Instance]) -> tuple[Array, Packing]:
+    def solve(solver: Solver, batch: tuple[Array, Instance]) -> tuple[Orders, Packing]:
         return jax.block_until_ready(solver(*batch))
 
     with ThreadPoolExecutor(comparison.threads) as pool:

@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 from rich.console import Console
-from tyro.conf import FlagCreatePairsOff, Positional
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, parse_sides, parse_whole, run_door
 from jaxpack.comparison import Comparison, Row, compare, grid_cells, grid_problem
@@ -22,7 +22,9 @@ from jaxpack.io.sweeps import open_sweep
 from jaxpack.learning.presets import preset
 from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
-from jaxpack.model.instances import Cell
+from jaxpack.model.instances import Cell, Source
+from jaxpack.model.problem import Problem
+from jaxpack.orders import order_instances
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.selfcheck import check_device
 from jaxpack.search.breeding import BrkgaConfig
@@ -39,8 +41,19 @@ class EvaluateOptions:
     methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
     """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
     bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded."""
-    instances: int = 1000
-    """Instances per cell and seed."""
+    orders: Path | None = None
+    """Orders to evaluate on, not random instances: .csv, one for each name in its column ORDER, or
+    .json. A preset other than bin-aware-2d names the shipped policy then."""
+    bins: Path | None = None
+    """The bins that --orders go into, .csv."""
+    bin_type: str = ""
+    """Name or row of the one type of --bins that is used."""
+    ignore: UseAppendAction[tuple[str, ...]] = ()
+    """A column of --orders or --bins that need not be obeyed; may be given several times."""
+    skip_unfit: FlagCreatePairsOff[bool] = False
+    """Leave out the items of --orders that the bin cannot hold; otherwise they are an error."""
+    instances: int | None = None
+    """Instances per cell and seed: if not given 1000, or all --orders."""
     seed: int = 0
     """Gives the instances and the random choices; instance i depends on the seed and i alone."""
     seeds: int = 1
@@ -88,7 +101,30 @@ class EvaluateOptions:
     """Start brkga from random keys alone, not from the sorts."""
 
 
-def make_cells(options: EvaluateOptions, recipe: TrainConfig) -> list[Cell]:
+def make_cells(options: EvaluateOptions) -> tuple[EvaluateOptions, Problem, list[Cell]]:
+    """(the options, completed; the rules; where to compare)."""
+    rule_named(options.rule, "--rule")
+    orders = order_instances(options)
+    if orders is None:
+        recipe = preset(options.preset)
+        cells = grid_of(options, recipe)
+        problem = grid_problem(recipe.problem, cells)
+        count = 1000
+    else:
+        problem, cells = orders.problem(), [Cell(orders.bin, orders)]
+        count = orders.count
+        if (options.instances or 0) > count:
+            raise UserError(f"--instances {options.instances}: there are {count} orders")
+        shipped = options.preset
+        if shipped == EvaluateOptions.preset:
+            shipped = f"bin-aware-{len(problem.axes)}d-turned"
+        options = replace(options, preset=shipped, batch=min(options.batch, count))
+    if options.instances is None:
+        options = replace(options, instances=count)
+    return options, replace(problem, rule=options.rule), cells
+
+
+def grid_of(options: EvaluateOptions, recipe: TrainConfig) -> list[Cell]:
     """The grid that the options span around the preset."""
     d, bin = recipe.distribution, recipe.problem.bin
     items = parse_whole("items", options.items) if options.items else [d.items]
@@ -97,10 +133,15 @@ def make_cells(options: EvaluateOptions, recipe: TrainConfig) -> list[Cell]:
     return grid_cells(recipe.problem, items, bins, sides)
 
 
-def sweep_options(options: EvaluateOptions, policy: Policy | None) -> dict[str, Any]:
+def sweep_options(
+    options: EvaluateOptions, policy: Policy | None, source: Source
+) -> dict[str, Any]:
     """What the figures depend on, as plain data: not how they are made, nor where they go."""
-    how = ("batch", "chunk", "devices", "json", "no_validate", "sweep", "run")
+    how = ["batch", "chunk", "devices", "json", "no_validate", "sweep", "run"]
+    how += ["orders", "bins", "bin_type", "ignore", "skip_unfit"]
     told = {name: value for name, value in asdict(options).items() if name not in how}
+    if options.orders is not None:
+        told["orders"] = repr(source)
     if policy is not None:
         weights = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(policy.params))
         told["run's policy"] = hashlib.sha256(weights).hexdigest()[:16]
@@ -110,15 +151,13 @@ def sweep_options(options: EvaluateOptions, policy: Policy | None) -> dict[str, 
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
-    recipe = preset(options.preset)
     if options.objective not in OBJECTIVES:
         raise UserError(f"--objective '{options.objective}': choose bins or paper")
     names = [name.strip() for name in options.methods.split(",") if name.strip()]
     if not names:
         raise UserError("--methods names none: give some, such as random,height")
-    cells = make_cells(options, recipe)
-    rule_named(options.rule, "--rule")
-    problem = replace(grid_problem(recipe.problem, cells), rule=options.rule)
+    options, problem, cells = make_cells(options)
+    assert options.instances is not None
     comparison = Comparison(
         problem, options.instances, options.seed, options.seeds, options.batch,
         not options.no_validate, pick_devices(options.devices, options.batch), options.chunk,
@@ -150,9 +189,10 @@ def main(argv: Sequence[str]) -> None:
     methods = {name: make_method(name, problem, settings) for name in names}
     if options.json and not options.json.absolute().parent.is_dir():
         raise UserError(f"--json {options.json}: its folder does not exist; make it first")
+    told = sweep_options(options, policy, cells[0].distribution)
     console = Console()
     rows: list[Row] = []
-    kept = open_sweep(options.sweep, sweep_options(options, policy)) if options.sweep else None
+    kept = open_sweep(options.sweep, told) if options.sweep else None
     with kept or nullcontext() as sweep:
         for name, method in methods.items():
             with console.status(f"{name}, {len(cells)} x {options.instances} instances"):

@@ -1,9 +1,9 @@
 """Methods by name: each makes orders for a batch of instances."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +22,9 @@ from jaxpack.search.heuristics import footprint_order, height_order, random_orde
 from jaxpack.search.protocol import Draw, Objective, Search, pack_orders, run_rounds
 from jaxpack.search.sampling import best_of, sampling
 
-Orders = Callable[[Array, Instance], Array]
-"""(typed PRNG keys [B], instances [B, ...]) -> orders int32 [B, N]. Pure; jit it."""
+Orders = Draw
+"""(typed PRNG keys [B], instances [B, ...]) -> `search.protocol.Orders`: int32 [B, N], with the
+orientations where the method turns items that may be turned. Pure; jit it."""
 
 SORTS = {"volume": volume_order, "footprint": footprint_order, "height": height_order}
 SEARCHES = (
@@ -73,7 +74,8 @@ def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
 
     Returns:
         Its `orders(keys, instances)` is pure, jit it: typed PRNG keys [B] and instances [B, ...] to
-        orders int32 [B, N]. See `compare`.
+        orders int32 [B, N]; to `Decisions` where items may be turned and the method, a policy's,
+        turns them: all others leave them as their sizes are. See `compare`.
 
     Raises:
         UserError: where there is none, naming those there are; or the policy given is of another
@@ -148,14 +150,18 @@ def _policy(network: str, problem: Problem, options: MethodOptions) -> Policy:
 
 
 def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> tuple[Orders, Draw]:
-    """Its greedy orders and its samples. What is evaluated is not turned: orders are enough."""
-    orders = partial(policy.config.policy.orders, problem, policy.params, kinds=options.kinds)
+    """Its greedy orders and its samples."""
 
-    def greedy(keys: Array, instances: Instance) -> Array:
-        return orders(instances).order
+    def decide(instances: Instance, keys: Array | None = None) -> Any:
+        network = policy.config.policy
+        decided = network.orders(problem, policy.params, instances, keys, options.kinds)
+        return decided.order if instances.turned is None else decided
 
-    def draw(keys: Array, instances: Instance) -> Array:
-        return orders(instances, keys).order
+    def greedy(keys: Array, instances: Instance) -> Any:
+        return decide(instances)
+
+    def draw(keys: Array, instances: Instance) -> Any:
+        return decide(instances, keys)
 
     return greedy, draw
 
@@ -174,16 +180,16 @@ def _beam(
     objective: Objective,
     keys: Array,
     instances: Instance,
-) -> Array:
+) -> Any:
     network = policy.config.policy
-    beams = network.beams(problem, policy.params, instances, width, options.kinds).order
+    beams = network.beams(problem, policy.params, instances, width, options.kinds)
 
-    def best(instance: Instance, orders: Array) -> Array:
+    def best(instance: Instance, orders: Any) -> Any:
         repeated = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), instance)
         costs = jax.vmap(objective)(repeated, pack_orders(problem, repeated, orders))
-        return orders[jnp.argmin(costs)]
+        return jax.tree.map(lambda leaf: leaf[jnp.argmin(costs)], orders)
 
-    return jax.vmap(best)(instances, beams)
+    return jax.vmap(best)(instances, beams.order if instances.turned is None else beams)
 
 
 def _brkga(problem: Problem, options: MethodOptions) -> Search:
@@ -197,7 +203,8 @@ def _brkga(problem: Problem, options: MethodOptions) -> Search:
 def _stacked(
     greedy: Orders, draw: Draw, population: int, keys: Array, instances: Instance
 ) -> Array:
-    """The policy's greedy order and its samples: int32 [B, K, N]."""
+    """The policy's greedy order and its samples, of items as their sizes are: int32 [B, K, N]."""
+    instances = instances._replace(turned=None)
     samples = min(SEED_SAMPLES, population // 4)
     each = jax.vmap(lambda key: jax.random.split(key, samples))(keys).reshape(-1)
     repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)

@@ -1,12 +1,17 @@
-"""What `solve` and `check` share: the orders that a command names, read as its options say."""
+"""What commands share: the orders that they name, read as their options say."""
 
+import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from jaxpack.errors import UserError
+from jaxpack.io import order_files
 from jaxpack.io.jobs import read_job
 from jaxpack.io.notes import Say
 from jaxpack.model.job import Job
+from jaxpack.model.orders import OrderFiles, Orders
 from jaxpack.plan_tables import NAMED
 
 
@@ -48,3 +53,33 @@ def read_orders(
         more = f" and {len(jobs) - NAMED} more" if len(jobs) > NAMED else ""
         raise UserError(f"--order '{order}': {items} has {there}{more}")
     return named
+
+
+def order_instances(options: Any) -> Orders | None:
+    """The orders of --orders as instances; None without.
+
+    Args:
+        options: of `evaluate` or `train`.
+
+    Raises:
+        UserError: naming what is wrong in a file, or an option that goes with it alone, or not.
+    """
+    alone = [
+        name for name in ("bins", "bin_type", "ignore", "skip_unfit") if getattr(options, name)
+    ]
+    if options.orders is None:
+        if alone:
+            raise UserError(f"--{alone[0].replace('_', '-')}: goes with --orders only")
+        return None
+    for name in ("items", "bin", "sides"):
+        if getattr(options, name) is not None:
+            raise UserError(f"--{name}: does not go with --orders, which have their own")
+    bins = None if options.bins is None else str(options.bins.absolute())
+    files = OrderFiles(
+        str(options.orders.absolute()),
+        bins,
+        options.bin_type,
+        tuple(options.ignore),
+        options.skip_unfit,
+    )
+    return order_files.read_orders(files, say=partial(print, file=sys.stderr))

@@ -15,12 +15,13 @@ import jax
 from jax.sharding import Mesh
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from tyro.conf import Positional
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import called, parse_options, parse_sides, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
 from jaxpack.errors import UserError
 from jaxpack.io.atomic import replace_file
+from jaxpack.io.order_files import read_again
 from jaxpack.io.runs import (
     RunConfig,
     create_run,
@@ -32,9 +33,11 @@ from jaxpack.io.runs import (
 from jaxpack.learning.presets import DEFAULT_PRESET, preset
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import MethodOptions, make_method
-from jaxpack.model.instances import Cell
-from jaxpack.packing.first_fit import pack
+from jaxpack.model.instances import Cell, Source
+from jaxpack.model.problem import Problem
+from jaxpack.orders import order_instances
 from jaxpack.packing.selfcheck import check_device
+from jaxpack.search.protocol import lying, pack_orders
 from jaxpack.tables import print_table, write_table
 from jaxpack.training import DivergedError, train_run
 from jaxpack.xla.devices import (
@@ -63,6 +66,17 @@ class TrainOptions:
     """The run folder to make; runs/PRESET-TIME if not given."""
     start_from: str = ""
     """A policy of the package or an .npz file to begin with; fresh weights if not given."""
+    orders: Path | None = None
+    """Learn from the orders of this file, not from random instances: .csv, one for each name in its
+    column ORDER, or .json."""
+    bins: Path | None = None
+    """The bins that --orders go into, .csv."""
+    bin_type: str = ""
+    """Name or row of the one type of --bins that is used."""
+    ignore: UseAppendAction[tuple[str, ...]] = ()
+    """A column of --orders or --bins that need not be obeyed; may be given several times."""
+    skip_unfit: FlagCreatePairsOff[bool] = False
+    """Leave out the items of --orders that the bin cannot hold; otherwise they are an error."""
     seed: int = 0
     """Gives the weights, the data, the shuffles and the samples."""
     items: int | None = None
@@ -132,7 +146,25 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
         "beta",
     )
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    problem, distribution, policy = recipe.problem, recipe.distribution, recipe.policy
+    policy = recipe.policy
+    if options.hidden is not None:
+        policy = replace(policy, hidden=options.hidden)
+    problem, distribution = make_distribution(options, recipe)
+    others = recipe.others if options.orders is None else ()
+    return replace(
+        recipe, problem=problem, distribution=distribution, policy=policy, others=others, **given
+    )
+
+
+def make_distribution(options: TrainOptions, recipe: TrainConfig) -> tuple[Problem, Source]:
+    """What is learned from, and the rules."""
+    if orders := order_instances(options):
+        problem = orders.problem()
+        if len(problem.axes) != len(recipe.problem.axes):
+            what = f"{options.preset} is for {len(recipe.problem.axes)}D"
+            raise UserError(f"--orders {options.orders}: of {len(problem.axes)}D, but {what}")
+        return problem, orders
+    problem, distribution = recipe.problem, recipe.distribution
     if options.items is not None:
         distribution = replace(distribution, items=options.items)
     if options.sides is not None:
@@ -141,10 +173,7 @@ def make_recipe(options: TrainOptions) -> TrainConfig:
             raise UserError(f"--sides '{options.sides}': training takes one range, such as 1-5")
         distribution = replace(distribution, low=ranges[0][0], high=ranges[0][1])
     bin = problem.bin if options.bin is None else (options.bin,) * 3
-    problem = problem.resized(bin, distribution.high)
-    if options.hidden is not None:
-        policy = replace(policy, hidden=options.hidden)
-    return replace(recipe, problem=problem, distribution=distribution, policy=policy, **given)
+    return problem.resized(bin, distribution.high), distribution
 
 
 def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
@@ -154,6 +183,8 @@ def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
         if options != TrainOptions(**where):
             raise UserError("--resume takes no other option: the run folder holds them all")
         config = read_run(options.resume)
+        source = read_again(config.train.distribution)
+        config = replace(config, train=replace(config.train, distribution=source))
         return options.resume, config, _mesh(options, config)
     recipe = make_recipe(options)
     config = RunConfig(
@@ -229,8 +260,9 @@ def follow(
 def finish(run: Path, config: RunConfig, policy: Policy, console: Console) -> None:
     """The table, the picture and the path: the end of a run, also of one already trained."""
     problem = config.train.problem
-    comparison = Comparison(problem)
     cell = Cell(problem.bin, config.train.distribution)
+    count = min(Comparison.instances, cell.distribution.count)
+    comparison = Comparison(problem, count, batch=min(Comparison.batch, count))
     kinds = cell.distribution.kinds(problem)
     options = MethodOptions(policy=policy, kinds=kinds)
     network = config.train.policy
@@ -254,12 +286,12 @@ def _draw(
 
     one = replace(comparison, instances=1)
     instances, keys = make_instances(one, cell, cell.distribution.items)
-    instance = jax.tree.map(lambda leaf: leaf[0], instances)
     packings = []
     for name in ("random", "height", trained):
-        order = make_method(name, comparison.problem, options).orders(keys, instances)[0]
-        packings.append((name, pack(comparison.problem, instance, order)))
-    draw_packings(run / "packing.png", instance, packings)
+        orders = make_method(name, comparison.problem, options).orders(keys, instances)
+        packed = lying(instances, orders)[0], pack_orders(comparison.problem, instances, orders)
+        packings.append((name, *jax.tree.map(lambda leaf: leaf[0], packed)))
+    draw_packings(run / "packing.png", packings)
 
 
 def _figures(values: dict[str, float]) -> str:

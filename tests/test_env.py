@@ -24,15 +24,18 @@ from jaxpack.learning.rollout import decide
 from jaxpack.model.instances import sample
 from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, Packing, in_orientation
-from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.env import decisions_of
 from jaxpack.packing.height_map import HeightMap
-from jaxpack.packing.rules.lowest import lowest
-from jaxpack.packing.surface_view import SurfaceView, blocks_of_cells, faces_view, view_of
+from jaxpack.packing.surface_view import SurfaceView, blocks_of_cells, view_of
 
 PROBLEM = Problem(bin=(7, 6, 8), largest=(4, 4))
 ITEMS, BATCH = 14, 16
 CUBES = Distribution(ITEMS, 1, 4, "all")
+
+
+def without_grid(most, scale=1):
+    """The rules of bins in millimetres, that `pallets` has, or in parts of them."""
+    return Problem((800 * scale, 600 * scale, 500 * scale), surface="faces", most=most)
 
 
 def batch_last(instances):
@@ -164,38 +167,27 @@ def pallets(count, items, scale=1):
     return Instance(turned[:, :, 0], jnp.ones((count, items), bool), bins.astype(jnp.int32), turned)
 
 
-@jax.jit
-def decoded(instances, order):
-    """First fit without a grid."""
-    last = batch_last(instances)
-    x, y, z = (last.size[:, axis].astype(jnp.int16) for axis in range(3))
-    needed = PROBLEM.cells_needed(last.size[:, 0] * last.size[:, 1])
-    room = tuple(last.bin.astype(jnp.int16))
-    surface = faces_view(order.shape[1]).surface
-    placed = decode(surface, lowest, Items((x, y, z), needed, last.mask), Bins(room), order.T)
-    nothing = jnp.zeros_like(order)
-    return Packing(placed.bin.T, jnp.stack([c.T for c in placed.corner], -1), *[nothing] * 3)
-
-
 @pytest.mark.parametrize("free", [False, True])
 def test_orders_in_millimetres_need_no_grid(free):
     instances = pallets(3, 18)
-    played = player(faces_view(18), free)(instances, jax.random.key(1))
-    order, turned, packing = checked(PROBLEM, instances, played, "the random policy")
+    problem = without_grid(18)
+    played = player(view_of(problem), free)(instances, jax.random.key(1))
+    order, turned, packing = checked(problem, instances, played, "the random policy")
     assert packing.bin.max() > 0
-    assert same(packing, decoded(turned, order)) == (not free)
+    assert same(packing, packer(problem)(turned, order)) == (not free)
 
 
 def test_the_shipped_policy_packs_millimetres_whatever_the_unit():
     policy = load_policy("bin-aware-3d-turned")
     network, instances = policy.config.policy, pallets(6, 50)
-    play = jax.jit(partial(decide, network, faces_view(50), kinds=6))
+    problem = without_grid(50)
+    play = jax.jit(partial(decide, network, view_of(problem), kinds=6))
     decisions = play(policy.params, instances)
-    finer = play(policy.params, pallets(6, 50, scale=8))
+    finer = play(policy.params, pallets(6, 50, scale=2))
     jax.tree.map(np.testing.assert_array_equal, decisions, finer)
     turned = jax.vmap(in_orientation)(instances, decisions.orientation)
-    packing = decoded(turned, decisions.order)
-    check_packings(PROBLEM, turned, decisions.order, packing, "the policy")
+    packing = packer(problem)(turned, decisions.order)
+    check_packings(problem, turned, decisions.order, packing, "the policy")
     as_given = instances._replace(turned=None)
     volume = jnp.argsort(-as_given.size.prod(-1), axis=1).astype(jnp.int32)
-    assert packing.bin.max(1).sum() < decoded(as_given, volume).bin.max(1).sum()
+    assert packing.bin.max(1).sum() < packer(problem)(as_given, volume).bin.max(1).sum()

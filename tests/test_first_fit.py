@@ -9,8 +9,10 @@ import oracle
 import pytest
 from cases import packer, random_cases
 
+from jaxpack.errors import UserError
 from jaxpack.learning.presets import preset
 from jaxpack.model.metrics import paper_cost
+from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, Problem, make_instance
 from jaxpack.packing.decode import MANY_ITEMS
 from jaxpack.packing.first_fit import LANES, pack
@@ -280,3 +282,37 @@ def test_what_is_no_single_instance_or_no_order_is_refused():
     ):
         with pytest.raises(AssertionError):
             pack(SMALL_3D, instance, order)
+
+
+@pytest.mark.parametrize("bin", [(14, 1, 12), (12, 10, 9)])
+def test_a_bin_without_a_grid_is_packed_by_the_rules_and_summed_up_as_one_with_cells(bin):
+    problem = Problem(bin, inclusive=False, surface="faces", most=12)
+    instances, orders = random_cases(problem, 4, 60, 12, oversize=0)
+    packings = packer(problem)(instances, orders)
+    check_packings(problem, instances, orders, packings)
+    for case, (size, room) in enumerate(zip(instances.size, instances.bin, strict=True)):
+        bins, corners, *sums = (np.asarray(leaf)[case] for leaf in packings)
+        contents = oracle.bin_contents(room, size, bins, corners)
+        contents += [(0, 0, 0)] * (12 - len(contents))
+        np.testing.assert_array_equal(np.stack(sums, 1), contents)
+
+
+def test_a_bin_without_a_grid_takes_no_more_items_than_are_reckoned_with():
+    problem = Problem((400, 300, 200), surface="faces", most=3)
+    instance = make_instance(problem, [(100, 100, 100)] * 8)
+    packing = pack(problem, instance, np.arange(8, dtype=np.int32))
+    np.testing.assert_array_equal(packing.bin, [0, 0, 0, 1, 1, 1, 2, 2])
+
+
+@pytest.mark.parametrize(
+    ("bin", "options", "message"),
+    [
+        ((16_383, 10, 10), {"most": 5}, "longest side is 16,383.*coarser unit"),
+        ((3000, 2000, 1000), {"most": 5}, "volume is 6,000,000,000.*coarser unit"),
+        ((100, 80, 60), {}, "most None: give the most items"),
+        ((100, 80, 60), {"surface": "spheres"}, "surface 'spheres': choose cells or faces"),
+    ],
+)
+def test_what_a_bin_without_a_grid_cannot_be_is_said(bin, options, message):
+    with pytest.raises(UserError, match=message):
+        Problem(bin, **({"surface": "faces"} | options))

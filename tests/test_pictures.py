@@ -29,7 +29,7 @@ from jaxpack.io.pictures import draw_packings, write_png
 write_png(Path("plan.png"), job, plan)
 problem = Problem(bin=(4, 1, 4) if {dimension} == 2 else (4, 4, 4))
 instance = make_instance(problem, [[2] * len(problem.axes)])
-draw_packings(Path("grid.png"), instance, [("one", pack(problem, instance, jnp.arange(1)))])
+draw_packings(Path("grid.png"), [("one", instance, pack(problem, instance, jnp.arange(1)))])
 for name in ("plan", "grid"):
     assert Path(name + ".png").read_bytes().startswith(b"\\x89PNG")
 assert matplotlib.get_backend() == "svg"

@@ -10,14 +10,20 @@ from jaxpack.errors import UserError
 from jaxpack.learning.bin_network import SEES, Sees
 from jaxpack.learning.networks import NETWORKS, Network
 from jaxpack.learning.recipe import TrainConfig
+from jaxpack.model.instances import Distribution, Source
 from jaxpack.model.numbers import fault, show
+from jaxpack.model.orders import Goods, Orders
 
 T = TypeVar("T")
 
 
 def config_to_dict(config: Any) -> dict[str, Any]:
-    """A (nested) dataclass as plain data that `json` can write."""
-    return asdict(config)
+    """A (nested) dataclass as plain data that `json` can write; of orders not what is in them."""
+
+    def plain(options: list[tuple[str, Any]]) -> dict[str, Any]:
+        return {name: value for name, value in options if not isinstance(value, Goods)}
+
+    return asdict(config, dict_factory=plain)
 
 
 def config_from_dict(cls: type[T], data: Any, where: str = "config") -> T:
@@ -56,6 +62,8 @@ def _value(hint: Any, value: Any, where: str) -> Any:
             return None
     if hint is Network:
         return _network(value, where)
+    if hint is Source:
+        return _source(value, where)
     if is_dataclass(hint):
         return config_from_dict(typing.cast(type, hint), value, where)
     if typing.get_origin(hint) is tuple:
@@ -92,6 +100,13 @@ def _network(value: Any, where: str) -> Network:
     elif isinstance(value, dict):
         kinds = [kind for kind in kinds if value.keys() <= _options(kind)] or kinds
     return config_from_dict(kinds[0], options, where)
+
+
+def _source(value: Any, where: str) -> Source:
+    """Random items, or the orders of a file, which is not read."""
+    if isinstance(value, dict) and "files" in value:
+        return config_from_dict(Orders, value, where)
+    return config_from_dict(Distribution, value, where)
 
 
 def _options(cls: Any) -> set[str]:

@@ -36,15 +36,17 @@ from jaxpack.io.columns import (
     same_unit,
     understand,
 )
+from jaxpack.io.ins2d import read_ins2d
 from jaxpack.io.notes import Say, note, silent
 from jaxpack.io.spreadsheets import WORKBOOKS, read_table
 from jaxpack.io.tables import Row, Table, table_from_columns
-from jaxpack.io.texts import read_text
 from jaxpack.model.exact import exact
-from jaxpack.model.job import FLAT_TURNED, MOST_ITEMS, BinType, ItemType, Job, Sides
-from jaxpack.model.numbers import as_profit, as_size, as_whole, fault, plain
+from jaxpack.model.job import FLAT_TURNED, BinType, ItemType, Job, Sides, counted
+from jaxpack.model.numbers import as_profit, fault, plain
 
 TABLES = (".csv", ".tsv", ".txt", *WORKBOOKS)
+ORDER = "ORDER"
+"""The column that says which order an item belongs to, where a table may hold several."""
 
 
 def read_job(
@@ -54,6 +56,7 @@ def read_job(
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     objective: str = "",
+    by_order: bool = False,
     say: Say = silent,
 ) -> list[Job]:
     """The jobs of a file, in its units: one, or of a BED-BPP file one per order.
@@ -69,6 +72,8 @@ def read_job(
             are as given, -1 as MAXIMUM_WEIGHT is a limit, and decimals of lengths are cut off.
         objective: what is wanted of a plan, a key of `OBJECTIVES`: some obey more columns. Not
             given, the least cost if bins have costs, otherwise the fewest bins.
+        by_order: read a job per order of a table too: the rows that have the same in its column
+            ORDER, if it has one.
         say: takes a line for everything that was assumed, such as the `append` of a list.
 
     Raises:
@@ -81,7 +86,7 @@ def read_job(
         if bins is None:
             what = f"a {kind[1:].upper()} file of items needs one of bins too"
             raise fault(items, f"{what}: give both")
-        return [_job(read_table(items, say), read_table(bins, say), items.stem, reading)]
+        return _jobs(read_table(items, say), read_table(bins, say), items.stem, reading, by_order)
     if kind not in (".ins2d", ".json"):
         raise fault(items, f"files '{kind}' are not known: give .csv, .xlsx, .ins2D or .json")
     given = None
@@ -92,7 +97,7 @@ def read_job(
     else:
         check_ignored(reading)
     if kind == ".ins2d":
-        return [_read_ins2d(items, given, reading)]
+        return [read_ins2d(items, given, reading)]
     jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None)
     return [replace(job, objective=objective) for job in jobs] if objective else jobs
 
@@ -121,7 +126,7 @@ def job_from_columns(
     """
     reading = Reading(_capitals(ignore), packingsolver, say, objective)
     tables = table_from_columns(items, "items"), table_from_columns(bins, "bins")
-    return _job(*tables, name, reading)
+    return _jobs(*tables, name, reading)[0]
 
 
 def _capitals(names: str | Sequence[str]) -> frozenset[str]:
@@ -129,13 +134,35 @@ def _capitals(names: str | Sequence[str]) -> frozenset[str]:
     return frozenset(" ".join(name.upper().split()) for name in names)
 
 
-def _job(items: Table, bins: Table, name: str, reading: Reading) -> Job:
-    goods, rooms = understand(items, ITEMS, reading), understand(bins, BINS, reading)
+def _jobs(
+    items: Table, bins: Table, name: str, reading: Reading, by_order: bool = False
+) -> list[Job]:
+    several = by_order and ORDER in items.columns and ORDER not in reading.ignore
+    known = replace(reading, ignore=reading.ignore | {ORDER}) if several else reading
+    goods, rooms = understand(items, ITEMS, known), understand(bins, BINS, reading)
     check_ignored(reading, goods, rooms)
-    types = _items(goods, reading)
+    orders = _orders(items, goods) if several else {name: goods}
+    types = {order: _items(part, reading) for order, part in orders.items()}
     factor = same_unit(goods, rooms, reading.say)
     kinds = _bins(rooms, goods.dimension, factor, reading)
-    return Job(types, kinds, goods.dimension, name, reading.objective)
+    return [
+        Job(own, kinds, goods.dimension, name, reading.objective) for name, own in types.items()
+    ]
+
+
+def _orders(items: Table, goods: Understood) -> dict[str, Understood]:
+    """The rows of each order, by its name, in the order in which they first come."""
+    items.need((ORDER,))
+    lines: dict[str, list] = {}
+    for row, line in zip(items.rows(), goods.table.lines, strict=True):
+        if not (name := row.text(ORDER)):
+            raise fault(row.at(ORDER), "empty: say which order the item belongs to")
+        lines.setdefault(name, []).append(line)
+    if not lines:
+        return {"": goods}
+    return {
+        name: replace(goods, table=replace(goods.table, lines=own)) for name, own in lines.items()
+    }
 
 
 def _size(row: Row, dimension: int, whole: bool, end: float | None = None) -> Sides:
@@ -183,7 +210,7 @@ def _items(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
     total = 0
     for row in table.rows():
         copies = row.whole("COPIES", low=0) if row.has("COPIES") else 1
-        total = _count(total + copies, f"{row.at('COPIES')}: {copies} copies")
+        total = counted(total + copies, f"{row.at('COPIES')}: {copies} copies")
         flat = read.dimension == 2
         ways = _flat_orientations(row, reading) if flat else _orientations(row, read.flags, reading)
         items.append(
@@ -206,12 +233,6 @@ def _profit(row: Row) -> float | None:
     if not row.has("PROFIT") or row.number("PROFIT") == -1:
         return None
     return as_profit(row.number("PROFIT"), row.at("PROFIT"))
-
-
-def _count(total: int, what: str) -> int:
-    if total > MOST_ITEMS:
-        raise fault(what, f"more than {MOST_ITEMS:,} items in all: split the job")
-    return total
 
 
 def _flat_orientations(row: Row, reading: Reading) -> tuple[str, ...]:
@@ -288,52 +309,3 @@ def _cost(row: Row) -> float:
     if cost < 0:
         raise fault(row.at("COST"), f"{cost:g} is negative: give 0 or more, or -1 for the volume")
     return cost
-
-
-def _read_ins2d(path: Path, bins: tuple[BinType, ...] | None, reading: Reading) -> Job:
-    """Lines `m`, `W H`, then m of `i w h [dmin [dmax [profit]]]`: dmin copies; may not be turned.
-
-    Where items may be left out there are dmax copies, and one bin. A strip packing file has -1 for
-    H, which is open; it needs `bins` for other objectives than the height.
-    """
-    goal = reading.goal
-    lines = [
-        (f"{path}: row {number}", line.split())
-        for number, line in enumerate(read_text(path).split("\n"), 1)
-        if line.strip()
-    ]
-    for (where, fields), names in zip(lines, ("m", "W H"), strict=False):
-        if len(fields) != len(names.split()):
-            raise fault(where, f"{len(fields)} fields, expected '{names}'")
-    if len(lines) < 2:
-        raise fault(path, "expected a line 'm' and a line 'W H' before the items")
-    (first, (count,)), (second, (wide, high)) = lines[:2]
-    number = as_whole(count, f"{first}, column m", low=1)
-    if number != len(lines) - 2:
-        raise fault(first, "column m", f"{number} items announced, {len(lines) - 2} are there")
-    if bins is None:
-        one = 1 if goal.leaves_out else None
-        size = _flat(second, W=wide, H="1" if goal.open_bin and high == "-1" else high)
-        size = (*size[:2], math.inf) if goal.open_bin and high == "-1" else size
-        bins = (BinType(size, copies=one, where="row 2"),)
-    items = []
-    total = 0
-    for where, fields in lines[2:]:
-        if not 3 <= len(fields) <= 6:
-            raise fault(where, f"{len(fields)} fields, expected 'i w h dmin dmax profit'")
-        size = _flat(where, w=fields[1], h=fields[2])
-        place, column = (4, "dmax") if goal.leaves_out and len(fields) > 4 else (3, "dmin")
-        copies = 1
-        if len(fields) > place:
-            copies = as_whole(fields[place], f"{where}, column {column}", low=1)
-        total = _count(total + copies, f"{where}, column {column}: {copies} copies")
-        row, profit = where.rsplit(": ", 1)[-1], None
-        if "PROFIT" in goal.obeys and len(fields) > 5:
-            profit = as_profit(fields[5], f"{where}, column profit")
-        items.append(ItemType(size, copies, name=fields[0], where=row, profit=profit))
-    return Job(tuple(items), bins, dimension=2, name=path.stem, objective=reading.objective)
-
-
-def _flat(where: str, **sides: str) -> Sides:
-    width, height = (as_size(text, f"{where}, column {name}") for name, text in sides.items())
-    return width, 1.0, height

@@ -23,23 +23,24 @@ PER_ROW = 5
 VIEWER = np.array([1, -1, 1])  # the signs of the direction in which the viewer of a solid bin is
 
 
-def draw_packings(path: Path, instance: Instance, packings: Sequence[tuple[str, Packing]]) -> None:
+def draw_packings(path: Path, packings: Sequence[tuple[str, Instance, Packing]]) -> None:
     """Writes a PNG of packings of one instance; an item has the same colour in each.
 
     Args:
         path: the file to write.
-        instance: one instance, no batch axis.
-        packings: (label, packing) per row of the picture.
+        packings: (label, instance, packing) per row of the picture, no batch axis; the instance
+            turned as it is packed.
     """
-    room = np.asarray(instance.bin)
+    first = packings[0][1]
+    room, mask = np.asarray(first.bin), np.asarray(first.mask)
     flat = bool(room[1] == 1)
-    size, mask = np.asarray(instance.size), np.asarray(instance.mask)
-    colours = matplotlib.colormaps["tab20"](np.linspace(0, 1, len(size)))
-    columns = max(int(np.asarray(packing.bin).max()) + 1 for _, packing in packings)
+    colours = matplotlib.colormaps["tab20"](np.linspace(0, 1, len(mask)))
+    columns = max(int(np.asarray(packing.bin).max()) + 1 for *_, packing in packings)
     figure, axes = _panels(
         len(packings), columns, (2.1 * columns + 0.8, 2.1 * len(packings) + 0.3), flat
     )
-    for row, (label, packing) in zip(axes, packings, strict=True):
+    for row, (label, instance, packing) in zip(axes, packings, strict=True):
+        size = np.asarray(instance.size)
         bins, corner = np.asarray(packing.bin), np.asarray(packing.position)
         used = int(bins.max()) + 1
         for number, axis in enumerate(row):

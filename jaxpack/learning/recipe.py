@@ -9,7 +9,7 @@ from jaxpack.learning.networks import Network
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.model import objectives
-from jaxpack.model.instances import Cell, Distribution
+from jaxpack.model.instances import Cell, Source
 from jaxpack.model.problem import Instance, Packing, Problem
 
 OBJECTIVES = {n: one.on_grid for n, one in objectives.OBJECTIVES.items() if one.on_grid}
@@ -37,7 +37,7 @@ class TrainConfig:
     """
 
     problem: Problem  # the rules and the bin
-    distribution: Distribution  # of the items
+    distribution: Source  # of the items
     policy: Network = PointerConfig()  # which network, and its widths
     train_instances: int = 100_000  # of the fixed training set, a function of the run's key
     valid_instances: int = 10_000  # of the fixed validation set

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any, ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxpack.errors import UserError
+from jaxpack.errors import MOST, UserError
 from jaxpack.model.problem import MOST_CELLS, Instance, Problem, check_bin
 
 MOST_ITEMS = 1 << 20
@@ -20,6 +21,61 @@ TURNS: dict[str, tuple[tuple[int, ...], ...]] = {
     "all": tuple(permutations(range(3))),
 }
 """Name -> the orientations that are allowed: which side lies along x, y and z of the bin."""
+
+
+class Source(Protocol):
+    """What instances are made of: random sizes, or the orders of a file (`model.orders`).
+
+    Hashable, static under ``jit``; arrays that it has are handed on as `numbers`.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+    surface: ClassVar[str]
+    """See `Problem.surface`."""
+
+    @property
+    def count(self) -> int:
+        """How many different instances there are to evaluate on."""
+
+    @property
+    def items(self) -> int:
+        """N: the most items of an instance."""
+
+    @property
+    def low(self) -> int:
+        """The shortest side of an item, in cells or units."""
+
+    @property
+    def high(self) -> int:
+        """The longest one."""
+
+    @property
+    def numbers(self) -> Any:
+        """What `make` needs besides, a pytree."""
+
+    def kinds(self, problem: Problem) -> int:
+        """K: the most distinct sizes that an instance can have."""
+
+    def check_fits(self, bin: tuple[int, int, int]) -> None:
+        """Raises UserError where an item may be larger than the bin."""
+
+    def draw(self, problem: Problem, key: Array) -> Instance:
+        """One instance by a typed PRNG key, consumed: to learn from."""
+
+    @staticmethod
+    def make(
+        problem: Problem, slots: int, key: Array, index: Array, numbers: Any, bin: Any
+    ) -> Instance:
+        """The instance of that number and key: to evaluate on. The same for all of the type.
+
+        Args:
+            problem: the rules; of its bin only which axes are flat.
+            slots: the padded length (static), at least `items`.
+            key: typed PRNG key [], consumed.
+            index: int32[].
+            numbers: as the source has them.
+            bin: int [3], the instance's bin.
+        """
 
 
 @dataclass(frozen=True)
@@ -34,6 +90,8 @@ class Distribution:
     low: int  # cells, the shortest side
     high: int  # cells, the longest side
     turns: str = "fixed"  # how items may be turned, a name in TURNS
+    surface: ClassVar[str] = "cells"  # see `Source`
+    count: ClassVar[int] = MOST  # of different instances: any number
 
     def __post_init__(self) -> None:
         if self.turns not in TURNS:
@@ -48,6 +106,29 @@ class Distribution:
             raise UserError(f"sides {self.low}-{self.high}: give the smaller side first")
         if self.high > MOST_CELLS:
             raise UserError(f"sides {self.low}-{self.high}: no bin is longer than {MOST_CELLS}")
+
+    @property
+    def numbers(self) -> Any:
+        """See `Source.numbers`."""
+        return self.items, self.low, self.high
+
+    def draw(self, problem: Problem, key: Array) -> Instance:
+        """See `Source.draw`."""
+        drawn = self.make(problem, self.items, key, jnp.int32(0), self.numbers, problem.bin)
+        if self.turns == "fixed":
+            return drawn
+        # A flat axis stays flat.
+        flat = [axis for axis in range(3) if axis not in problem.axes]
+        ways = [way for way in TURNS[self.turns] if all(way[axis] == axis for axis in flat)]
+        return drawn._replace(turned=drawn.size[:, jnp.asarray(ways)])
+
+    @staticmethod
+    def make(
+        problem: Problem, slots: int, key: Array, index: Array, numbers: Any, bin: Any
+    ) -> Instance:
+        """See `Source.make`: by the key alone, not turned."""
+        items, low, high = numbers
+        return uniform_instance(problem, key, slots, items, low, high, bin)
 
     def kinds(self, problem: Problem) -> int:
         """K: the most distinct sizes that an instance can have."""
@@ -68,14 +149,14 @@ class Cell:
     """One combination of a grid: items of a distribution in a bin.
 
     Raises:
-        UserError: where the bin is not three whole sides, or has too many cells.
+        UserError: where the bin is not three whole sides, or has too many cells or units.
     """
 
-    bin: tuple[int, int, int]  # (L, W, H) in cells
-    distribution: Distribution  # of the items
+    bin: tuple[int, int, int]  # (L, W, H) in cells, or units
+    distribution: Source  # of the items
 
     def __post_init__(self) -> None:
-        check_bin(self.bin)
+        check_bin(self.bin, self.distribution.surface)
 
 
 def uniform_instance(
@@ -104,7 +185,7 @@ def uniform_instance(
     return Instance(size=size, mask=mask, bin=jnp.asarray(bin, jnp.int32))
 
 
-def sample(problem: Problem, distribution: Distribution, key: Array, count: int) -> Instance:
+def sample(problem: Problem, distribution: Source, key: Array, count: int) -> Instance:
     """The first `count` instances of a distribution: leaves [count, ...].
 
     Args:
@@ -116,21 +197,13 @@ def sample(problem: Problem, distribution: Distribution, key: Array, count: int)
     return sample_at(problem, distribution, key, jnp.arange(count))
 
 
-def sample_at(problem: Problem, distribution: Distribution, key: Array, indices: Array) -> Instance:
+def sample_at(problem: Problem, distribution: Source, key: Array, indices: Array) -> Instance:
     """The instances with these indices (int [B]): leaves [B, ...].
 
     Instance i depends on (key, i) and on nothing else, so a set of any size needs no storage.
     """
 
     def one(index: Array) -> Instance:
-        key_i = jax.random.fold_in(key, index)
-        d = distribution
-        drawn = uniform_instance(problem, key_i, d.items, d.items, d.low, d.high, problem.bin)
-        if d.turns == "fixed":
-            return drawn
-        # A flat axis stays flat.
-        flat = [axis for axis in range(3) if axis not in problem.axes]
-        ways = [way for way in TURNS[d.turns] if all(way[axis] == axis for axis in flat)]
-        return drawn._replace(turned=drawn.size[:, jnp.asarray(ways)])
+        return distribution.draw(problem, jax.random.fold_in(key, index))
 
     return jax.vmap(one)(indices)

@@ -86,6 +86,13 @@ class BinType:
         return math.prod(self.size) if self.cost is None else self.cost
 
 
+def counted(total: int, what: str) -> int:
+    """The total, of items. Raises UserError, which begins with `what`, where it is too many."""
+    if total > MOST_ITEMS:
+        raise fault(what, f"more than {MOST_ITEMS:,} items in all: split the job")
+    return total
+
+
 Entry = TypeVar("Entry", ItemType, BinType)
 
 

@@ -11,8 +11,9 @@ Axes, used in every docstring of the package:
 | L, W, H | cells of the bin along x (length), y (width) and z (height)      |
 | D       | features of a network                                            |
 
-Lengths are whole cells. 2D is 3D with ``W = 1``: an item is ``(l, 1, h)``. A bin slot is one
-of N places for the bins of a packing: N items never need more than N bins.
+Lengths are whole cells, or whole units such as millimetres where `Problem.surface` is ``faces``.
+2D is 3D with ``W = 1``: an item is ``(l, 1, h)``. A bin slot is one of N places for the bins of a
+packing: N items never need more than N bins.
 """
 
 import reprlib
@@ -31,6 +32,8 @@ from jaxpack.errors import UserError
 
 MOST_CELLS = 1 << 20
 """Of a height map."""
+MOST_UNITS = 2**14 - 2
+"""A side of a bin without a grid, of which sums fit int16."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +41,20 @@ class Problem:
     """The rules that stay fixed while a program runs: hashable, a static argument of ``jit``.
 
     Attributes:
-        bin: (L, W, H) in cells, the height map's extent. An instance may use a smaller bin.
+        bin: (L, W, H) in cells, the height map's extent, or in units. An instance may use a
+            smaller bin.
         largest: (length, width) in cells of the largest item; larger items never fit. A tight
             bound makes placement faster. None: as large as the bin.
         support: share of an item's footprint that must rest at the item's own height, 0 to 1.
         inclusive: whether exactly that share is enough ("at least") or not ("more than").
         rule: which of the allowed positions an item takes, a name in `jaxpack.packing.rules`.
+        surface: ``cells``, a height map, or ``faces``, without a grid: what a packing costs depends
+            on the number of items and not on that of units.
+        most: of faces, how many items a bin takes at most.
 
     Raises:
-        UserError: where a side is not whole, there are too many cells, or the share is none.
+        UserError: where a side is not whole, there are too many cells or units, the share is none,
+            the surface is not known or `most` is missing.
     """
 
     bin: tuple[int, int, int]
@@ -54,9 +62,13 @@ class Problem:
     support: float = 0.5
     inclusive: bool = True
     rule: str = "lowest"
+    surface: str = "cells"
+    most: int | None = None
 
     def __post_init__(self) -> None:
-        check_bin(self.bin)
+        check_bin(self.bin, self.surface)
+        if self.surface == "faces" and not (type(self.most) is int and self.most >= 1):
+            raise UserError(f"most {self.most}: give the most items that a bin takes, at least 1")
         if self.largest is not None and not _whole_sides(self.largest, 2):
             raise UserError(f"largest {self.largest}: give a whole length and width, or None")
         if not 0 <= self.support <= 1:
@@ -136,24 +148,30 @@ class Packing(NamedTuple):
     shadow: Array  # int32[N], cells: sum of the height map of each bin slot
 
 
-def check_bin(bin: tuple[int, ...]) -> None:
-    """Raises UserError where `bin` is not (L, W, H) in cells of which this package can keep count.
+def check_bin(bin: tuple[int, ...], surface: str = "cells") -> None:
+    """Raises UserError where `bin` is not (L, W, H) of which this package can keep count.
 
-    Heights are below 2^15 - 1, the plane has at most 2^20 cells, and the volume is below 2^31: what
-    is summed up over a bin (volumes, the height map) is then within int32.
+    In cells heights are below 2^15 - 1 and the plane has at most 2^20; in units (of faces) a side
+    is below 2^14 - 1. The volume is below 2^31: what is summed up over a bin (volumes, the height
+    map) is then within int32.
     """
+    if surface not in ("cells", "faces"):
+        raise UserError(f"surface '{surface}': choose cells or faces")
     if not _whole_sides(bin, 3):
         raise UserError(f"bin {bin}: give three whole sides of at least 1 cell")
     length, width, height = bin
-    for name, cells, most in (
-        ("height", height, np.iinfo(np.int16).max - 1),
-        ("length times width", length * width, MOST_CELLS),
-        ("volume", length * width * height, np.iinfo(np.int32).max),
-    ):
-        if cells > most:
+    volume = ("volume", length * width * height, np.iinfo(np.int32).max)
+    if surface == "faces":
+        limits = [("longest side", max(bin), MOST_UNITS), volume]
+    else:
+        plane = ("length times width", length * width, MOST_CELLS)
+        limits = [("height", height, np.iinfo(np.int16).max - 1), plane, volume]
+    what, remedy = ("units", "unit") if surface == "faces" else ("cells", "grid")
+    for name, found, most in limits:
+        if found > most:
             raise UserError(
-                f"bin {bin}: too many cells, its {name} is {cells:,} and may be at most "
-                f"{most:,}; use a coarser grid"
+                f"bin {bin}: too many {what}, its {name} is {found:,} and may be at most "
+                f"{most:,}; use a coarser {remedy}"
             )
 
 

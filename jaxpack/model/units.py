@@ -30,18 +30,18 @@ def units_of(job: Job, resolution: float | None = None) -> Units:
     """
     weights = [exact(item.weight) for item in job.items if item.weight]
     limits = [exact(bin.max_weight) for bin in job.bins if 0 < bin.max_weight < math.inf]
-    weight = _common(weights + limits) if weights or limits else Fraction(1)
+    weight = common(weights + limits) if weights or limits else Fraction(1)
     if resolution is None:
         return Units(job.unit, weight)
     grid = exact(resolution)
-    length = _common([job.unit, grid])
+    length = common([job.unit, grid])
     return Units(length, weight, int(grid / length))
 
 
 def fine_enough(job: Job, resolution: float) -> bool:
     """Whether the positions of that grid are whole numbers that the kernel takes."""
     longest = max(exact(side) for bin in job.bins for side in bin.size)
-    return longest / _common([job.unit, exact(resolution)]) <= FINEST
+    return longest / common([job.unit, exact(resolution)]) <= FINEST
 
 
 def in_units(values: Iterable[float], unit: Fraction) -> np.ndarray:
@@ -60,7 +60,7 @@ def in_units(values: Iterable[float], unit: Fraction) -> np.ndarray:
     return np.asarray([known[value] for value in values], np.int64)
 
 
-def _common(numbers: list[Fraction]) -> Fraction:
+def common(numbers: list[Fraction]) -> Fraction:
     """The largest fraction of which all numbers are whole multiples."""
     scale = math.lcm(*(number.denominator for number in numbers))
     return Fraction(math.gcd(*(int(number * scale) for number in numbers)), scale)

@@ -8,7 +8,7 @@ A turn offers one item to one bin, in every batch member its own: none waits for
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 
 import chex
@@ -19,9 +19,10 @@ from jax.custom_batching import custom_vmap
 
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.packing.decode import Bins, Items, decode
-from jaxpack.packing.height_map import LARGE_WINDOW, HeightMap, cell_dtype
+from jaxpack.packing.height_map import LARGE_WINDOW
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
+from jaxpack.packing.surface_view import surface_of
 from jaxpack.xla.pieces import in_pieces
 from jaxpack.xla.programs import least, total, whole
 from jaxpack.xla.target import Target, target, traced_for
@@ -46,11 +47,11 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
 
     Args:
         problem: the static rules.
-        instance: one instance of N items.
+        instance: one instance of N items, which lie as their sizes are; see `in_orientation`.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
 
     Returns:
-        Bins, positions and sums over every bin, int32 [N, ...] in cells.
+        Bins, positions and sums over every bin, int32 [N, ...] in cells (or units, of faces).
 
     Raises:
         AssertionError: where ranks, shapes or dtypes are others; a batch takes `vmap`.
@@ -59,6 +60,7 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     chex.assert_shape(instance.bin, (3,))
     chex.assert_shape([instance.mask, order], (len(instance.size),))
     chex.assert_shape(instance.size, (None, 3))
+    instance = instance._replace(turned=None)
     one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
     packing = _batched(problem, target())(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)
@@ -92,49 +94,61 @@ def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
     batch = order.shape[0]
     if not target().cpu or batch < SEVERAL:
         return _first_fit(problem, instance, order)
-    most, vector = LANES, VECTOR // cell_dtype(problem).itemsize
-    if max(problem.window) >= LARGE_WINDOW:
+    most, vector = LANES, VECTOR // surface_of(problem).dtype.itemsize
+    if problem.surface == "cells" and max(problem.window) >= LARGE_WINDOW:
         most, vector = FEW_LANES, 1
     size = -(-batch // -(-batch // most))
-    return in_pieces(
-        lambda piece: _first_fit(problem, *piece), (instance, order), -(-size // vector) * vector
-    )
+    size = -(-size // vector) * vector
+    if problem.surface == "cells":
+        return in_pieces(lambda piece: _first_fit(problem, *piece), (instance, order), size)
+    # Those of the fewest items first: a piece takes as long as the longest of its members.
+    rank = jnp.argsort(instance.mask.sum(1))
+    ranked = jax.tree.map(lambda leaf: leaf[rank], (instance, order))
+    packed = in_pieces(lambda piece: _first_fit(problem, *piece), ranked, size)
+    return jax.tree.map(lambda leaf: jnp.zeros_like(leaf).at[rank].set(leaf), packed)
 
 
 def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     """One piece. Inside, batches are last: see `height_map`."""
-    dtype = cell_dtype(problem)
+    surface = surface_of(problem)
+    dtype = surface.dtype
     # Items larger than the bin or the kernel's window never fit, and their sides may not survive
     # the narrow type below.
     limit = jnp.minimum(instance.bin, jnp.asarray([*problem.window, problem.bin[2]]))
     able = (instance.mask & (instance.size <= limit[:, None]).all(-1)).T
     sizes = instance.size.transpose(2, 1, 0)
-    needed = problem.cells_needed(sizes[0] * sizes[1]).astype(dtype)
+    needed = problem.cells_needed(sizes[0] * sizes[1])
+    if problem.surface == "cells":
+        needed = needed.astype(dtype)
     length, width, height = sizes.astype(dtype)
     sides = length, width, height
     room = instance.bin.T.astype(dtype)
     bins = Bins((room[0], room[1], room[2]))
     items = Items(sides, needed, able)
-    packer = partial(decode, HeightMap(problem), rule_named(problem.rule))
+    packer = partial(decode, surface, rule_named(problem.rule))
     placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
-    stats = _stats_by_bin(problem, placed.bin, placed.corner, sides)
+    stats = _stats_by_bin(problem, placed.bin, placed.corner, sides, bins.size)
     position = jnp.stack([place.T.astype(jnp.int32) for place in placed.corner], -1)
     return Packing(placed.bin.T.astype(jnp.int32), position, *stats.transpose(1, 2, 0))
 
 
-def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -> Array:
+def _stats_by_bin(
+    problem: Problem, bin: Array, corner: Triple, sides: Triple, room: Triple
+) -> Array:
     """Volume, highest point and sum of the height map of every bin slot: int32 [N, 3, B].
 
     Apart from the loop that packs, so that who wants placements only does not pay for it.
 
     Args:
         bin, corner, sides: integers [N, B] by item.
+        room: [B], the bins' sides.
     """
-    L, W, _ = problem.bin
+    (L, W, _), faces = problem.bin, problem.surface == "faces"
     N, batch = bin.shape
     dtype = sides[0].dtype
-    x = jnp.arange(L, dtype=dtype)[:, None, None]
-    y = jnp.arange(W, dtype=dtype)[:, None]
+    if not faces:
+        x = jnp.arange(L, dtype=dtype)[:, None, None]
+        y = jnp.arange(W, dtype=dtype)[:, None]
     ends = tuple(at + side for at, side in zip(corner, sides, strict=True))
     volume = math.prod(side.astype(jnp.int32) for side in sides)
     top = ends[2].astype(jnp.int32)
@@ -147,14 +161,57 @@ def _stats_by_bin(problem: Problem, bin: Array, corner: Triple, sides: Triple) -
             over_y = (corner[1][item] <= y) & (y < ends[1][item])
             return jnp.maximum(heights, jnp.where(inside[item] & over_x & over_y, ends[2][item], 0))
 
-        heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
+        if not faces:
+            heights = jax.lax.fori_loop(0, N, raised, jnp.zeros((L, W, batch), dtype))
         found = (
             total(jnp.where(inside, volume, 0), 1),
             -least(jnp.where(inside, -top, 0), 1),
-            total(heights.astype(jnp.int32), 2),
+            _shadow(W == 1, inside, corner, ends, room)
+            if faces
+            else total(heights.astype(jnp.int32), 2),
         )
         return stats.at[slot].set(jnp.stack(found))
 
     nothing = jnp.zeros((N, 3, batch), jnp.int32)
     # A scatter takes one number after the other; a slot at a time takes all lanes.
     return jax.lax.fori_loop(0, bin.max().astype(jnp.int32) + 1, stats_of, nothing)
+
+
+def _shadow(
+    flat: bool, inside: Array, corner: Triple, ends: Sequence[Array], room: Triple
+) -> Array:
+    """Sum of the height map of bins without cells: int32 [B].
+
+    The map may change where an item ends, since others begin there. Such lines are looked at one by
+    one along x, as many as there are in the bin of which most is to be seen.
+
+    Args:
+        flat: 2D.
+        inside: bool [N, B], what lies in them.
+        corner, ends: integers [N, B] by item, near and far edges.
+        room: [B], the bins' sides.
+    """
+
+    def lines(axis: int) -> tuple[Array, Array]:
+        """[N + 1, B], ascending, and how far it is to the next; at the wall where none is left."""
+        far = jnp.where(inside, ends[axis], room[axis])
+        line = jnp.sort(jnp.concatenate([jnp.zeros_like(far[:1]), far]), 0)
+        following = jnp.concatenate([line[1:], room[axis][None]])
+        return line, (following - line).astype(jnp.int32)
+
+    (x, length), (y, width) = lines(0), lines(1)
+    if flat:
+        y, width = y[:1], width[:1]
+    number = jax.lax.broadcasted_iota(jnp.int32, inside.shape, 0)
+    items = jnp.where(inside, number + 1, 0).max()
+
+    def strip(n: Array, sums: Array) -> Array:
+        def raised(item: Array, heights: Array) -> Array:
+            over_x = inside[item] & (corner[0][item] <= x[n]) & (x[n] < ends[0][item])
+            over_y = (corner[1][item] <= y) & (y < ends[1][item])
+            return jnp.maximum(heights, jnp.where(over_x & over_y, ends[2][item], 0))
+
+        heights = jax.lax.fori_loop(0, items, raised, jnp.zeros_like(y))
+        return sums + (heights.astype(jnp.int32) * width).sum(0) * length[n]
+
+    return jax.lax.fori_loop(0, inside.sum(0).max() + 1, strip, jnp.zeros_like(length[0]))

@@ -1,8 +1,8 @@
 """The view of any surface: a bin as blocks between lines, each of one height.
 
-What a policy sees of a grid it sees of bins in millimetres too (`faces_view`), no side of which is
-longer than `top_faces.SHORT` units. Where an item would stand the surface says, row by row,
-whatever the position rule; what lies there is read off the blocks: rows times blocks a look.
+What a policy sees of a grid it sees of bins in millimetres too, see `Problem.surface`. Where an
+item would stand the surface says, row by row, whatever the position rule; what lies there is read
+off the blocks: rows times blocks a look.
 """
 
 from collections.abc import Callable
@@ -83,9 +83,10 @@ class SurfaceView:
 
     def corners(self, state: Any, bins: Array, sides: Triple) -> tuple[Triple, Array]:
         """Row by row."""
-        room, wanted = self._room(bins), jnp.ones(bins.shape[1], bool)
+        room = self._room(bins)
 
         def corner(size: Triple) -> Triple:
+            wanted = size[0] > 0  # or else it is padding
             # How high an item is changes nothing of the lowest position but whether it fits.
             flat = (size[0], size[1], jnp.zeros_like(size[2]))
             shown = flat if self.rule is lowest else size
@@ -208,27 +209,21 @@ class SurfaceView:
 
 
 def view_of(problem: Problem) -> View:
-    """The view of bins in cells: the table where the rule is the paper's."""
-    if problem.rule == "lowest":
+    """The view of the problem's bins: of cells the table where the rule is the paper's."""
+    faces, rules = problem.surface == "faces", (problem.support, problem.inclusive)
+    if problem.rule == "lowest" and not faces:
         return Table(problem)
-    rule = RULES[problem.rule]
-    return SurfaceView(
-        HeightMap(problem), blocks_of_cells, problem.support, problem.inclusive, rule
-    )
+    blocks = blocks_of_faces if faces else blocks_of_cells
+    return SurfaceView(surface_of(problem), blocks, *rules, RULES[problem.rule])
 
 
-def faces_view(
-    most: int, flat: bool = False, support: float = 0.5, inclusive: bool = True
-) -> SurfaceView:
-    """The view of bins in whole units, such as millimetres, without a grid; the paper's rule.
-
-    Args:
-        most: items that a bin can hold.
-        flat: 2D.
-        support, inclusive: see `Problem`.
-    """
+def surface_of(problem: Problem) -> Surface:
+    """What the problem's bins look like from above."""
+    if problem.surface == "cells":
+        return HeightMap(problem)
+    assert problem.most is not None
     # Lengths of 32 bits would have to be traced with x64 enabled.
-    return SurfaceView(TopFaces(most, flat, short=True), blocks_of_faces, support, inclusive)
+    return TopFaces(problem.most, problem.bin[1] == 1, short=True)
 
 
 def _overlap(near: Array, far: Array, start: Array, end: Array) -> Array:

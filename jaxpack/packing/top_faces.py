@@ -20,12 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.model.problem import MOST_UNITS
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
 from jaxpack.packing.tiles import AT_ONCE, TILE, Tile, Tiles, highest, indices, row_at
 from jaxpack.xla.programs import largest_of, least
 
-SHORT = 2**14 - 2
+SHORT = MOST_UNITS
 """Units a side, of which sums fit int16."""
 FACE_BITS = 2
 FACES = 1 << FACE_BITS  # looked at together
@@ -78,7 +79,8 @@ class TopFaces:
     def candidates(
         self, state: Faces, size: Triple, needed: Array, room: Triple, wanted: Array
     ) -> tuple["Corners", Faces]:
-        """Every pair of lines."""
+        """Every pair of lines, of a bin that is not full."""
+        wanted &= state.used < self.most
         lines_x, lines_y = (
             jnp.where(wanted, used, 0).max() for used in (state.used_x, state.used_y)
         )

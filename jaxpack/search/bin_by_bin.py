@@ -7,7 +7,7 @@ Since every draw is packed to the end and judged, the best whole packing is ther
 After the last bin the next pass begins with empty bins.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,8 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.search.protocol import Draw, Objective, Search, better, pack_orders
+from jaxpack.packing.env import Decisions
+from jaxpack.search.protocol import Draw, Objective, Orders, Search, better, pack_orders
 
 
 class Beams(NamedTuple):
@@ -24,10 +25,10 @@ class Beams(NamedTuple):
     key: Array  # typed PRNG keys [B], never change
     round: Array  # int32[]
     filled: Array  # int32 [B], bins that count in this pass
-    order: Array  # int32 [B, W, N]
+    order: Orders  # [B, W, N]
     bin: Array  # int32 [B, W, N], bin of every item
     best_cost: Array  # float32 [B]
-    best: Array  # int32 [B, N]
+    best: Orders
 
 
 def bin_by_bin(
@@ -56,13 +57,14 @@ def bin_by_bin(
         batch, items = instances.mask.shape
         best = first(keys, instances)
         packings = pack_orders(problem, instances, best)
-        order = jnp.broadcast_to(best[:, None], (batch, width, items))
+        shape = batch, width, items
+        order = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[:, None], shape), best)
         return Beams(
             key=keys,
             round=jnp.int32(0),
             filled=jnp.zeros(batch, jnp.int32),
             order=order,
-            bin=jnp.zeros_like(order),
+            bin=jnp.zeros(shape, jnp.int32),
             best_cost=jax.vmap(objective)(instances, packings),
             best=best,
         )
@@ -74,8 +76,10 @@ def bin_by_bin(
         def repeat(leaf: Array) -> Array:
             return jnp.repeat(leaf, children, 0)
 
-        def of_beams(leaf: Array) -> Array:
-            return jnp.repeat(leaf.reshape(batch * width, items), draws, 0)
+        def of_beams(orders: Any) -> Any:
+            return jax.tree.map(
+                lambda leaf: jnp.repeat(leaf.reshape(batch * width, items), draws, 0), orders
+            )
 
         def split(key: Array) -> Array:
             return jax.random.split(jax.random.fold_in(key, state.round), children)
@@ -93,13 +97,14 @@ def bin_by_bin(
         rank = jnp.lexsort((costs, -held))
         member = jnp.arange(batch)[:, None]
 
-        def pick(leaf: Array, which: Array) -> Array:
-            return leaf.reshape(batch, children, items)[member, which]
+        def pick(orders: Any, which: Array) -> Any:
+            return jax.tree.map(
+                lambda leaf: leaf.reshape(batch, children, items)[member, which], orders
+            )
 
         cheapest = jnp.argmin(costs, 1)[:, None]
-        best_cost, best = better(
-            costs[member, cheapest][:, 0], pick(orders, cheapest)[:, 0], state.best_cost, state.best
-        )
+        found = jax.tree.map(lambda leaf: leaf[:, 0], pick(orders, cheapest))
+        best_cost, best = better(costs[member, cheapest][:, 0], found, state.best_cost, state.best)
         order, bin = pick(orders, rank[:, :width]), pick(packings.bin, rank[:, :width])
         # With one bin left to fill the pass is over: that bin was drawn already.
         over = state.filled + 2 >= bin.max((1, 2)) + 1
@@ -116,13 +121,18 @@ def bin_by_bin(
     return Search(start, advance, lambda state: state.best)
 
 
-def orders_found(state: Beams) -> Array:
-    """The best order and those of the beams: int32 [B, 1 + W, N]."""
-    return jnp.concatenate([state.best[:, None], state.order], 1)
+def orders_found(state: Beams) -> Any:
+    """The best order and those of the beams: leaves [B, 1 + W, N]."""
+    return jax.tree.map(
+        lambda one, others: jnp.concatenate([one[:, None], others], 1), state.best, state.order
+    )
 
 
-def _put_last(order: Array, drawn: Array, left: Array) -> Array:
-    """`order` without the items that are left, then those in the drawn order: int32 [N]."""
+def _put_last(order: Any, drawn: Any, left: Array) -> Any:
+    """`order` without the items that are left, then those in the drawn order: leaves [N]."""
+    if isinstance(order, Decisions):
+        turn = jnp.where(left, drawn.orientation, order.orientation)
+        return Decisions(_put_last(order.order, drawn.order, left), turn)
     items = order.shape[0]
     place = jnp.arange(items, dtype=jnp.int32)
     rank = jnp.zeros(items, jnp.int32).at[order].set(place)

@@ -27,6 +27,8 @@ def evolved(
 ) -> Search:
     """A round is one of `search` and so many generations of `breeding`, a smaller one a generation.
 
+    Where items may be turned nothing is bred, since `breeding` turns none: there is `search` alone.
+
     Args:
         breeding: from `genetic`.
         finds: the search's state -> int32 [B, K, N], the orders that breed, the best one first.
@@ -53,15 +55,25 @@ def evolved(
         return found, (Population(population.key, genes, cost), mask)
 
     def start(keys: Array, instances: Instance) -> Any:
-        return join(instances, search.start(keys, instances), breeding.start(keys, instances))
+        found = search.start(keys, instances)
+        if instances.turned is not None:
+            return found, None
+        return join(instances, found, breeding.start(keys, instances))
 
     def generation(instances: Instance, state: Any) -> Any:
+        if state[1] is None:
+            return search.advance(instances, state[0]), None
         return state[0], breeding.advance(instances, state[1])
 
     def advance(instances: Instance, state: Any) -> Any:
+        if state[1] is None:
+            return generation(instances, state)
         state = join(instances, search.advance(instances, state[0]), state[1])
         return jax.lax.fori_loop(
             0, generations, lambda _, state: generation(instances, state), state
         )
 
-    return Search(start, advance, lambda state: breeding.best(state[1]), refine=generation)
+    def best(state: Any) -> Any:
+        return search.best(state[0]) if state[1] is None else breeding.best(state[1])
+
+    return Search(start, advance, best, refine=generation)

@@ -12,15 +12,20 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
-from jaxpack.model.problem import Instance, Packing, Problem
+from jaxpack.model.problem import Instance, Packing, Problem, in_orientation
+from jaxpack.packing.env import Decisions
 from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, split_batch
 
 Objective = Callable[[Instance, Packing], Array]
 """A cost to minimise: (instance, packing) -> float32 scalar. See `jaxpack.model.metrics`."""
 
-Draw = Callable[[Array, Instance], Array]
-"""Random orders: (keys [B], instances [B, ...]) -> int32 [B, N], padding last."""
+Orders = Array | Decisions
+"""Of a batch: int32 [B, N], for items as their sizes are; or, where `Instance.turned` leaves a
+choice and it is made, with the orientations."""
+
+Draw = Callable[[Array, Instance], Any]
+"""Random `Orders`: (keys [B], instances [B, ...]) -> leaves [B, N], padding last."""
 
 
 class Search(NamedTuple):
@@ -28,12 +33,12 @@ class Search(NamedTuple):
 
     start: Callable[[Array, Instance], Any]  # (keys [B], instances) -> state
     advance: Callable[[Instance, Any], Any]  # (instances, state) -> state after one more round
-    best: Callable[[Any], Array]  # state -> int32 [B, N], the best orders so far
+    best: Callable[[Any], Any]  # state -> `Orders`, the best so far
     refine: Callable[[Instance, Any], Any] | None = None  # like `advance`, less and faster
 
 
-def run_rounds(search: Search, keys: Array, instances: Instance, rounds: int) -> Array:
-    """The best orders after so many rounds: int32 [B, N]. Pure; jit it."""
+def run_rounds(search: Search, keys: Array, instances: Instance, rounds: int) -> Any:
+    """The best `Orders` after so many rounds. Pure; jit it."""
     state = search.start(keys, instances)
 
     def advance(state: Any, _: None) -> tuple[Any, None]:
@@ -74,8 +79,8 @@ def compile_search(
     )
 
 
-def run_for(search: Search, keys: Array, instances: Instance, seconds: float) -> Array:
-    """The best orders found in so many seconds: int32 [B, N].
+def run_for(search: Search, keys: Array, instances: Instance, seconds: float) -> Any:
+    """The best `Orders` found in so many seconds.
 
     No round is begun that would end late if it took as long as the longest one so far; what is
     left of the time then goes to the search's smaller rounds, if it has any. The start always runs.
@@ -94,12 +99,29 @@ def run_for(search: Search, keys: Array, instances: Instance, seconds: float) ->
     return search.best(state)
 
 
-def pack_orders(problem: Problem, instances: Instance, orders: Array) -> Packing:
+def pack_orders(problem: Problem, instances: Instance, orders: Orders) -> Packing:
     """`pack` over a batch."""
-    return jax.vmap(lambda instance, order: pack(problem, instance, order))(instances, orders)
+    turned, order = lying(instances, orders)
+    return jax.vmap(lambda instance, order: pack(problem, instance, order))(turned, order)
 
 
-def better(cost: Array, order: Array, than_cost: Array, than: Array) -> tuple[Array, Array]:
-    """(cost [B], order [B, N]), the cheaper of two; of equally good ones the second."""
+def lying(instances: Instance, orders: Orders) -> tuple[Instance, Array]:
+    """(the instances with every item turned as decided, the orders alone)."""
+    if isinstance(orders, Decisions):
+        return jax.vmap(in_orientation)(instances, orders.orientation), orders.order
+    return instances, orders
+
+
+def like_drawn(draw: Draw, keys: Array, instances: Instance, order: Array) -> Orders:
+    """An order (int32 [B, N]) as `draw` gives them: with orientations, the first, or without."""
+    choice = instances.turned is not None
+    if choice and isinstance(jax.eval_shape(draw, keys, instances), Decisions):
+        return Decisions(order, jnp.zeros_like(order))
+    return order
+
+
+def better(cost: Array, orders: Any, than_cost: Array, than: Any) -> tuple[Array, Any]:
+    """(cost [B], orders), the cheaper of two; of equally good ones the second."""
     wins = cost < than_cost
-    return jnp.where(wins, cost, than_cost), jnp.where(wins[:, None], order, than)
+    chosen = jax.tree.map(lambda one, other: jnp.where(wins[:, None], one, other), orders, than)
+    return jnp.where(wins, cost, than_cost), chosen

@@ -8,7 +8,16 @@ from jax import Array
 
 from jaxpack.errors import UserError
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.search.protocol import Draw, Objective, Search, better, pack_orders, run_rounds
+from jaxpack.search.protocol import (
+    Draw,
+    Objective,
+    Orders,
+    Search,
+    better,
+    like_drawn,
+    pack_orders,
+    run_rounds,
+)
 
 
 class Sampled(NamedTuple):
@@ -17,7 +26,7 @@ class Sampled(NamedTuple):
     key: Array  # typed PRNG keys [B], never change
     drawn: Array  # int32[], samples drawn per instance
     cost: Array  # float32 [B]
-    order: Array  # int32 [B, N]
+    order: Orders
 
 
 def sampling(
@@ -38,7 +47,8 @@ def sampling(
         raise UserError(f"samples {chunk}: draw at least 1")
 
     def start(keys: Array, instances: Instance) -> Sampled:
-        order = jnp.argsort(~instances.mask, axis=1, stable=True).astype(jnp.int32)
+        own = jnp.argsort(~instances.mask, axis=1, stable=True).astype(jnp.int32)
+        order = like_drawn(draw, keys, instances, own)
         packings = pack_orders(problem, instances, order)
         return Sampled(keys, jnp.int32(0), jax.vmap(objective)(instances, packings), order)
 
@@ -54,7 +64,7 @@ def sampling(
             costs = jnp.where(index < samples, costs, jnp.inf)
         best = jnp.argmin(costs, 1)
         member = jnp.arange(batch)
-        order = orders.reshape(batch, chunk, items)[member, best]
+        order = jax.tree.map(lambda leaf: leaf.reshape(batch, chunk, items)[member, best], orders)
         found = better(costs[member, best], order, state.cost, state.order)
         return Sampled(state.key, state.drawn + chunk, *found)
 
@@ -69,7 +79,7 @@ def best_of(
     samples: int,
     objective: Objective,
     chunk: int = 50,
-) -> Array:
+) -> Orders:
     """The best of `samples` orders of every instance; of equally good ones the first.
 
     Args:
@@ -79,14 +89,15 @@ def best_of(
         chunk: samples of an instance packed side by side; bounds the memory.
 
     Returns:
-        int32 [B, N], the best orders.
+        The best orders.
     """
     search = sampling(problem, draw, objective, min(chunk, samples), samples)
 
     def start(keys: Array, instances: Instance) -> Sampled:
         """Anything drawn is better."""
-        order = jnp.zeros(instances.mask.shape, jnp.int32)
+        order = like_drawn(draw, keys, instances, jnp.zeros(instances.mask.shape, jnp.int32))
         return Sampled(keys, jnp.int32(0), jnp.full(len(keys), jnp.inf), order)
 
     search = search._replace(start=start)
-    return run_rounds(search, keys, instances, -(-samples // min(chunk, samples)))
+    best: Orders = run_rounds(search, keys, instances, -(-samples // min(chunk, samples)))
+    return best
