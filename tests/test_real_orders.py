@@ -20,9 +20,8 @@ from jaxpack.model.encoding import Genes, load_job, padded_genes
 from jaxpack.model.instances import sample
 from jaxpack.model.metrics import bins_used
 from jaxpack.orders import order_instances
-from jaxpack.search.compiled import encode
 from jaxpack.search.heuristics import footprint_order, height_order, volume_order
-from jaxpack.search.local_search import pack_lanes
+from jaxpack.search.packer import encode, pack_lanes
 from jaxpack.train import TrainOptions, start_or_resume
 from jaxpack.training import train_run
 
@@ -86,9 +85,7 @@ def test_every_sort_packs_an_order_as_the_job_is_packed(boxes):
             own = np.asarray(order[number][:count])
             genes = Genes(own, np.zeros(count, np.int32), np.arange(count, dtype=np.int32))
             lane = padded_genes(genes, len(stock.mask), len(stock.price))
-            bin, corner, _ = pack_lanes(
-                decoding, stock, Genes(*(jnp.asarray(part)[None] for part in lane))
-            )
+            bin, corner = pack_lanes(decoding, stock, Genes(*(part[None] for part in lane)))
             np.testing.assert_array_equal(packings.bin[number][:count], bin[0, :count])
             np.testing.assert_array_equal(
                 packings.position[number][:count] * 5, corner[0, :count] * int(loading.units.length)
