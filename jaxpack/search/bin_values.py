@@ -3,14 +3,13 @@
 A pass packs everything: the bin in which the value is greatest (see `filling`), the same filling
 again while copies last, then the next one. After it every bin's waste is charged to what was in it,
 and the value of each kind becomes the mean of the old one and of what it was charged (sequential
-value correction; Belov and Scheithauer, 2007). Lanes differ in direction, in noise and in how much
-the volume counts that a block spoils.
+value correction; Belov and Scheithauer, 2007). A bin is drawn several times, with noise on the
+values, in two directions, with blocks that are shorter than they could be; the best one is taken.
 """
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import count
 from typing import NamedTuple
 
@@ -26,14 +25,14 @@ LARGER = 1.3  # exponent of the volume in the first values: large items are wort
 PASSES = 32  # after which a lane begins anew
 NOISE = 0.1  # of the values of a lane, but for the first ones
 DRAWN = 0.6  # of the values of a draw
-GROUPS, DRAWS = 1, 32  # groups of lanes that learn values; fillings of which each takes the best
+DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
+"""Fillings of a bin of which the best is taken; fewer where there are many kinds."""
 LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
+STRICT = (0.25, 0.5, 1.0, 2.0)  # what the volume that a block spoils counts in a draw
 COVER = 8  # passes after which bins of all of them are put together
 NODES = 200  # of the branch and bound for that
 FINE = 4096  # lengths that sums of edges are known for; longer sides are rounded
 
-Fill = Callable[[bool, int, Goods], Filling]
-"""(whether there are several copies of a kind, blocks of a bin, goods) -> the bins filled."""
 Stop = Callable[[], bool]
 
 
@@ -122,105 +121,36 @@ def kinds_of(loading: Loading) -> Kinds:
     )  # fmt: skip
 
 
-class _Groups:
-    """What each group of lanes knows: its values. Its lanes draw fillings, the best is taken."""
-
-    def __init__(self, kinds: Kinds, groups: int, draws: int, seed: int) -> None:
-        self.kinds, self.G, self.draws = kinds, groups, draws
-        self.random = np.random.default_rng([seed, 2])
-        self.value = np.empty((len(kinds.first), groups))
-        self.age = np.zeros(groups, int)
-        self.fresh(np.arange(groups), first=True)
-
-    def fresh(self, groups: np.ndarray, first: bool = False) -> None:
-        """Values by volume."""
-        volume = self.kinds.volume
-        value = volume * (volume / volume.mean()) ** (LARGER - 1)
-        noise = NOISE * self.random.standard_normal((len(volume), len(groups)))
-        if first:
-            noise[:, 0] = 0
-        self.value[:, groups] = value[:, None] * np.exp(noise)
-        self.age[groups] = 0
-
-    def goods(self, left: np.ndarray, types: np.ndarray) -> tuple[Goods, np.ndarray]:
-        """Of every group in every type of bins, so many draws each: lanes [T G Z]; which of them
-        have x and y exchanged.
-        """
-        kinds, T, G, Z = self.kinds, len(types), self.G, self.draws
-        P = T * G * Z
-        draw = np.arange(P) % Z
-        swapped = (draw % 2 == 1) & (not kinds.loading.flat)
-        type_of = np.repeat(np.arange(T), G * Z)
-
-        def by_lane(table: np.ndarray) -> np.ndarray:  # [3, ..., T] -> [3, ..., P]
-            many = table[..., type_of]
-            return np.where(swapped, many[[1, 0, 2]], many)
-
-        def alike(table: np.ndarray) -> np.ndarray:
-            return np.repeat(table[..., None], P, -1)
-
-        side = by_lane(np.repeat(kinds.side[..., None], T, -1))
-        masks, mask_of = np.unique(left > 0, axis=1, return_inverse=True)
-        sums = np.stack([kinds.sums(mask) for mask in masks.T])
-        length = sums.shape[-1]
-        mask_of = np.tile(np.repeat(mask_of.ravel(), Z), T)
-        first = mask_of * 3 * length + np.arange(3)[:, None] * length
-        value = np.tile(np.repeat(self.value, Z, 1), T)
-        noise = DRAWN * self.random.standard_normal(value.shape)
-        strict = self.random.choice([0.25, 0.5, 1.0, 2.0], P)
-        noise[:, draw < 2] = 0
-        less = self.random.random((3, kinds.side.shape[1], P)) < LESS
-        less[..., draw < 4] = 0
-        strict[draw < 2] = 1
-        goods = Goods(
-            side=side,
-            needed=alike(kinds.needed),
-            value=(value * np.exp(noise)).astype(np.float32),
-            weight=alike(kinds.weight),
-            count=np.tile(np.repeat(left, Z, 1), T).astype(np.int32),
-            room=by_lane(kinds.loading.stock.bins[kinds.bins[types]].T),
-            limit=kinds.limit[types][type_of],
-            sums=sums.ravel(),
-            first=np.where(swapped, first[[1, 0, 2]], first).astype(np.int32),
-            unit=np.int32(kinds.unit),
-            less=less.astype(np.int32),
-            strict=strict.astype(np.float32),
-        )
-        return goods, swapped
-
-
-def search_values(
-    loading: Loading, seed: int, stop: Stop, fill: Fill | None = None
-) -> Iterator[tuple[Best | None, int]]:
+def search_values(loading: Loading, seed: int, stop: Stop) -> Iterator[tuple[Best | None, int]]:
     """(a packing that is better than those before or None, packings tried), pass by pass.
 
     Args:
         loading: what is packed, one that `has_values`.
-        seed: of the noise.
+        seed: of the draws.
         stop: asked all the time; the pass that it cuts off is lost.
-        fill: what fills the bins, in NumPy if not given.
     """
-    kinds = kinds_of(loading)
-    groups = _Groups(kinds, GROUPS, DRAWS, seed)
+    kinds, random = kinds_of(loading), np.random.default_rng([seed, 2])
     price = loading.stock.price[kinds.bins].astype(float)
     pool: dict[tuple[int, bytes], Filled] = {}
-    least, covered = math.inf, 0
+    least, covered, value = math.inf, 0, _first_values(kinds, None)
     for number in count(1):
-        found = _one_pass(kinds, groups, fill or partial(fill_in_numpy, stop=stop), stop)
+        bins, whole = _pass(kinds, value, random, stop)
         if stop():
             return
-        pool |= {(one.kind, one.held.tobytes()): one for bins, _ in found for one in bins}
-        plans = [bins for bins, whole in found if whole]
+        pool |= {(one.kind, one.held.tobytes()): one for one in bins}
+        plans = [bins] if whole else []
         if number % COVER == 0 and len(pool) > covered:
             covered = len(pool)
             plans += filter(None, [cover(kinds, [*pool.values()])])
         best = None
-        for bins in plans:
-            cost = sum(one.times * price[one.kind] for one in bins)
-            if cost < least - 1e-9 and (packing := best_of(kinds, bins)):
+        for bins_of_plan in plans:
+            cost = sum(one.times * price[one.kind] for one in bins_of_plan)
+            if cost < least - 1e-9 and (packing := best_of(kinds, bins_of_plan)):
                 best, least = packing, cost
-        yield best, GROUPS
-        _correct(kinds, groups, found)
+        yield best, 1
+        value = (
+            _first_values(kinds, random) if number % PASSES == 0 else _charged(kinds, value, bins)
+        )
 
 
 def has_values(loading: Loading) -> bool:
@@ -235,66 +165,111 @@ def has_values(loading: Loading) -> bool:
     )
 
 
-def _one_pass(
-    kinds: Kinds, groups: _Groups, fill: Fill, stop: Stop
-) -> list[tuple[list[Filled], bool]]:
-    G, K, Z = groups.G, len(kinds.first), groups.draws
-    loading = kinds.loading
-    copies = [loading.job.bins[int(loading.bins[row])].copies for row in kinds.bins]
-    stock_left = np.array([[10**9 if c is None else c] * G for c in copies])  # [T, G]
-    price = loading.stock.price[kinds.bins].astype(float)
-    left = np.repeat(kinds.count[:, None], G, 1)
-    bins: list[list[Filled]] = [[] for _ in range(G)]
-    open_ = np.ones(G, bool)
-    while open_.any():
-        types = np.flatnonzero((stock_left[:, open_] > 0).any(1))
-        if not len(types):
-            break
-        goods, swapped = groups.goods(np.where(open_, left, 0), types)
-        done = fill(kinds.several, kinds.blocks, goods)
+def _first_values(kinds: Kinds, random: np.random.Generator | None) -> np.ndarray:
+    """By volume, with noise if it is not the first time: float64 [K]."""
+    value = kinds.volume * (kinds.volume / kinds.volume.mean()) ** (LARGER - 1)
+    return value if random is None else value * np.exp(NOISE * random.standard_normal(len(value)))
+
+
+def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled]) -> np.ndarray:
+    """The values once everything has paid for the waste of its bins."""
+    room = kinds.loading.stock.bins[kinds.bins].astype(float).prod(1)
+    charged = np.zeros(len(value))
+    for one in bins:
+        filled = max(one.held @ kinds.volume, 1e-9)
+        charged += one.times * one.held * kinds.volume * (room[one.kind] / filled)
+    new = charged / kinds.count
+    return np.where(new > 0, (value + new) / 2, value)
+
+
+def _pass(
+    kinds: Kinds, value: np.ndarray, random: np.random.Generator, stop: Stop
+) -> tuple[list[Filled], bool]:
+    """(bins, whether they hold everything): one after the other, each by its value and price."""
+    stock, job = kinds.loading.stock, kinds.loading.job
+    price = stock.price[kinds.bins].astype(float)
+    copies = [job.bins[int(kinds.loading.bins[row])].copies for row in kinds.bins]
+    there = np.array([np.inf if most is None else most for most in copies])
+    left, bins = kinds.count.copy(), list[Filled]()
+    while left.any() and (there > 0).any():
+        types = np.flatnonzero(there > 0)
+        goods, swapped = _drawn(kinds, value, left, types, random)
+        done = fill_in_numpy(kinds.several, kinds.blocks, goods, stop)
         if stop():
             break
-        after = np.asarray(done.left).reshape(K, len(types), G, Z)
-        count = (left * open_)[:, None, :, None] - after  # [K, T, G, Z]
-        worth = np.einsum("ktgz,kg->tgz", count, groups.value) / price[types, None, None]
-        score = np.where((after == 0).all(0), 1e300 / price[types, None, None], worth)
-        score = np.where((stock_left[types] > 0)[..., None], score, -1)
-        score = score.transpose(1, 0, 2).reshape(G, -1)
-        chosen = score.argmax(1)
-        for group in np.flatnonzero(open_):
-            t, z = divmod(int(chosen[group]), Z)
-            mine = count[:, t, group, z]
-            some = mine > 0
-            if not some.any() or score[group, chosen[group]] < 0:
-                open_[group] = False
-                continue
-            kind = int(types[t])
-            times = int(min((left[some, group] // mine[some]).min(), stock_left[kind, group]))
-            at = (t * G + group) * Z + z
-            used = int(done.used[at])
-            axes = [1, 0, 2] if swapped[at] else [0, 1, 2]
-            row, grid, near = (
-                np.asarray(leaf[..., :used, at]) for leaf in (done.row, done.grid, done.near)
-            )
-            bins[group].append(Filled(kind, mine.copy(), row, grid[axes], near[axes], times))
-            left[:, group] -= times * mine
-            stock_left[kind, group] -= times
-            open_[group] = left[:, group].any()
-    return [(bins[group], not left[:, group].any()) for group in range(G)]
+        held = left[left > 0, None] - done.left  # [kinds that are left, lanes]
+        prices = np.repeat(price[types], held.shape[1] // len(types))
+        worth = value[left > 0] @ held / prices
+        lane = int(np.where((done.left == 0).all(0), 1e300 / prices, worth).argmax())
+        if not held[:, lane].any():
+            break
+        one = _filled(kinds, done, lane, left > 0, held[:, lane], bool(swapped[lane]))
+        one = one._replace(kind=int(types[lane // (held.shape[1] // len(types))]))
+        some = one.held > 0
+        times = int(min((left[some] // one.held[some]).min(), there[one.kind]))
+        bins.append(one._replace(times=times))
+        left = left - times * one.held
+        there[one.kind] -= times
+    return bins, not left.any()
 
 
-def _correct(kinds: Kinds, groups: _Groups, found: list[tuple[list[Filled], bool]]) -> None:
-    room = kinds.loading.stock.bins[kinds.bins].astype(float).prod(1)
-    for group, (bins, _) in enumerate(found):
-        charged = np.zeros(len(kinds.first))
-        for one in bins:
-            filled = max(one.held @ kinds.volume, 1e-9)
-            charged += one.times * one.held * kinds.volume * (room[one.kind] / filled)
-        new, old = charged / kinds.count, groups.value[:, group]
-        groups.value[:, group] = np.where(new > 0, (old + new) / 2, old)
-    groups.age += 1
-    if len(old_ones := np.flatnonzero(groups.age >= PASSES)):
-        groups.fresh(old_ones)
+def _drawn(
+    kinds: Kinds,
+    value: np.ndarray,
+    left: np.ndarray,
+    types: np.ndarray,
+    random: np.random.Generator,
+) -> tuple[Goods, np.ndarray]:
+    """What may come into a bin of every type, some draws of each: lanes [T Z]; and which of them
+    have x and y exchanged.
+    """
+    ways = kinds.side.shape[1] // len(left)
+    some, rows = left > 0, np.repeat(left > 0, ways)
+    K, R = int(some.sum()), int(rows.sum())
+    T, Z = len(types), max(FEWEST, min(DRAWS, AT_ONCE // (R * len(types))))
+    draw, P = np.tile(np.arange(Z), T), T * Z
+    swapped = (draw % 2 == 1) & (not kinds.loading.flat)
+
+    def alike(table: np.ndarray) -> np.ndarray:
+        return np.repeat(table[..., None], P, -1)
+
+    def turned(table: np.ndarray) -> np.ndarray:
+        return np.where(swapped, table[[1, 0, 2]], table)
+
+    sums = kinds.sums(left)
+    noise = DRAWN * random.standard_normal((K, P))
+    strict = random.choice(STRICT, P)
+    less = random.random((3, R, P)) < LESS
+    # The first two as they are, the next two with the largest blocks.
+    noise[:, draw < 2], strict[draw < 2], less[..., draw < 4] = 0, 1, False
+    goods = Goods(
+        side=turned(alike(kinds.side[:, rows])),
+        needed=alike(kinds.needed[rows]),
+        value=(value[some, None] * np.exp(noise)).astype(np.float32),
+        weight=alike(kinds.weight[some]),
+        count=alike(left[some]),
+        room=turned(np.repeat(kinds.loading.stock.bins[kinds.bins[types]].T, Z, 1)),
+        limit=np.repeat(kinds.limit[types], Z),
+        sums=sums.ravel(),
+        first=turned(alike(np.arange(3, dtype=np.int32) * np.int32(sums.shape[1]))),
+        unit=np.int32(kinds.unit),
+        less=less.astype(np.int32),
+        strict=strict.astype(np.float32),
+    )
+    return goods, swapped
+
+
+def _filled(
+    kinds: Kinds, done: Filling, lane: int, some: np.ndarray, held: np.ndarray, swapped: bool
+) -> Filled:
+    """What a lane has in its bin, by all kinds and rows; only `some` kinds were left."""
+    used, axes = int(done.used[lane]), [1, 0, 2] if swapped else [0, 1, 2]
+    ways = kinds.side.shape[1] // len(some)
+    row, grid, near = (leaf[..., :used, lane] for leaf in (done.row, done.grid, done.near))
+    every = np.zeros(len(some), np.int32)
+    every[some] = held
+    kind = np.flatnonzero(some)[row // ways]
+    return Filled(-1, every, kind * ways + row % ways, grid[axes], near[axes])
 
 
 def best_of(kinds: Kinds, bins: list[Filled]) -> Best | None:

@@ -22,6 +22,7 @@ from jaxpack.search.quick import SORTS, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
+UNCOMPILED = 48  # packings before the compiled search, where their number is given
 TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
 BOUNDING = 0.15  # share of the time that bounds may take
@@ -210,6 +211,7 @@ class _Searches:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
         self.ready = True  # whether all that was asked has searched
+        self.compiled = False  # whether the compiled search searches
 
     def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
         """(a packing or None, packings tried since), until it is late: at once one of `first`."""
@@ -218,12 +220,16 @@ class _Searches:
         if self.options.packings is not None:
             yield from self._counted(best, self.options.packings - 1)
             return
+        quickly = self._quickly(best, self.late)
+        for found, tried in islice(quickly, SORTS):  # most orders are done before anything starts
+            best = better(best, found or best)
+            yield found, tried
         process = self._asked(best)
         if process is None:
-            yield from self._quickly(best, self.late)
+            yield from quickly
             return
         try:
-            yield from self._beside(process, best)
+            yield from self._beside(process, quickly)
         finally:
             give_back(process)
 
@@ -242,21 +248,22 @@ class _Searches:
             for found in search_quickly(self.loading, self.options.seed, best, stop, sorts)
         )
         yield from islice(annealing, sorts)
-        by_value = self._by_value(stop)
+        seed = self.options.seed
+        by_value = search_values(self.loading, seed, stop) if has_values(self.loading) else None
         while not stop():
-            for searches in (by_value, annealing):
-                yield from islice(searches, TURN if searches is annealing else 1)
-
-    def _by_value(self, stop: Callable[[], bool]) -> Iterator[tuple[Best | None, int]]:
-        if has_values(self.loading):
-            yield from search_values(self.loading, self.options.seed, stop)
+            if by_value:
+                yield from islice(by_value, 1)
+            if not self.compiled:
+                yield from islice(annealing, TURN)
+            elif not by_value:
+                yield None, 0
 
     def _counted(self, best: Best, left: int) -> Iterator[tuple[Best | None, int]]:
-        """So many packings, whatever the clock says: sorts, the compiled search, and in NumPy what
-        is too little for that or left by it.
+        """So many packings, whatever the clock says: some that nobody compiles, the compiled
+        search, and what is too little for that or left by it.
         """
-        sorts = min(SORTS - 1, left)
-        for found, tried in islice(self._quickly(best, self.late, sorts), sorts):
+        quickly = self._quickly(best, self.late, min(SORTS - 1, left))
+        for found, tried in islice(quickly, min(left, UNCOMPILED) if self._wanted() else left):
             best, left = better(best, found or best), left - tried
             yield found, tried
         if left and (process := self._asked(best, left)):
@@ -267,11 +274,11 @@ class _Searches:
                         yield found, tried
             finally:
                 give_back(process)
-        yield from islice(self._quickly(best, self.late, sorts=0), left)
+        yield from islice(quickly, left)
 
     def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
         """A process that begins the compiled search, if there is one for the job."""
-        if not compiles(self.loading) or self.late():
+        if not self._wanted() or self.late():
             return None
         loading, seed = self.loading, self.options.seed
         draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
@@ -288,24 +295,36 @@ class _Searches:
             return None
         return process
 
+    def _wanted(self) -> bool:
+        """Whether there is a compiled search, and orders of items are worth searching: they are not
+        where most items have their like.
+        """
+        loading = self.loading
+        kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
+        few = has_values(loading) and 2 * kinds <= len(loading.items)
+        return compiles(loading) and not few
+
     def _reply(self, process: SearchProcess) -> Iterator[tuple[Best | None, int]]:
         """Its next packing, if one comes soon."""
         reply = process.next(min(TICK, self.end - perf_counter()))
         if isinstance(reply, int):
             yield None, reply
         elif reply is not None:
-            self.ready = True
+            self.ready = self.compiled = True
             yield reply.best, reply.packings
 
-    def _beside(self, process: SearchProcess, best: Best) -> Iterator[tuple[Best | None, int]]:
+    def _beside(
+        self, process: SearchProcess, quickly: Iterator[tuple[Best | None, int]]
+    ) -> Iterator[tuple[Best | None, int]]:
         self.ready = False
-        yield from self._quickly(best, lambda: self.late() or process.ready)
-        by_value = self._by_value(self.late)
         while not self.late():
-            yield from islice(by_value, 1)
-            yield from self._reply(process)
-            if not (process.alive or process.ready):  # it ran out of memory, or somebody ended it
-                yield from self._quickly(best, self.late)
+            yield from islice(quickly, 1)
+            while process.ready and not self.late():
+                yield from self._reply(process)
+            if self.compiled and not has_values(self.loading):
+                yield from self._reply(process)
+            if not process.alive:  # it ran out of memory, or somebody ended it
+                self.compiled = False
 
 
 def cheapest_types(
