@@ -210,6 +210,10 @@ class _Searches:
     ) -> None:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
+        kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
+        # Orders of items are not worth searching where most items have their like.
+        self.many = not has_values(loading) or 2 * kinds > len(loading.items)
+        self.compiles = self.many and compiles(loading)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
 
@@ -242,18 +246,21 @@ class _Searches:
     def _quickly(
         self, best: Best, stop: Callable[[], bool], sorts: int = SORTS - 1
     ) -> Iterator[tuple[Best | None, int]]:
-        """What nobody has to compile: sorts, then bins by value and annealing, in turns."""
+        """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
+        loading, seed = self.loading, self.options.seed
+        by_value = search_values(loading, seed, stop) if has_values(loading) else None
         annealing = (
             (found, int(found is not None))
-            for found in search_quickly(self.loading, self.options.seed, best, stop, sorts)
+            for found in search_quickly(loading, seed, best, stop, sorts)
         )
-        yield from islice(annealing, sorts)
-        seed = self.options.seed
-        by_value = search_values(self.loading, seed, stop) if has_values(self.loading) else None
+        if by_value:
+            yield from islice(by_value, 1)
+        if self.many:
+            yield from islice(annealing, sorts)
         while not stop():
             if by_value:
                 yield from islice(by_value, 1)
-            if not self.compiled:
+            if self.many and not self.compiled:
                 yield from islice(annealing, TURN)
             elif not by_value:
                 yield None, 0
@@ -263,7 +270,7 @@ class _Searches:
         search, and what is too little for that or left by it.
         """
         quickly = self._quickly(best, self.late, min(SORTS - 1, left))
-        for found, tried in islice(quickly, min(left, UNCOMPILED) if self._wanted() else left):
+        for found, tried in islice(quickly, min(left, UNCOMPILED) if self.compiles else left):
             best, left = better(best, found or best), left - tried
             yield found, tried
         if left and (process := self._asked(best, left)):
@@ -278,7 +285,7 @@ class _Searches:
 
     def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
         """A process that begins the compiled search, if there is one for the job."""
-        if not self._wanted() or self.late():
+        if not self.compiles or self.late():
             return None
         loading, seed = self.loading, self.options.seed
         draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
@@ -294,15 +301,6 @@ class _Searches:
             give_back(process)
             return None
         return process
-
-    def _wanted(self) -> bool:
-        """Whether there is a compiled search, and orders of items are worth searching: they are not
-        where most items have their like.
-        """
-        loading = self.loading
-        kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
-        few = has_values(loading) and 2 * kinds <= len(loading.items)
-        return compiles(loading) and not few
 
     def _reply(self, process: SearchProcess) -> Iterator[tuple[Best | None, int]]:
         """Its next packing, if one comes soon."""
