@@ -1,0 +1,171 @@
+"""Bins filled by value: what comes out is a plan, and it is a good one."""
+
+from functools import partial
+from itertools import islice, product
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxpack
+from jaxpack.model.encoding import Rules, load_job, plan_of
+from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.plan_check import check_plan
+from jaxpack.search import bin_values, filling
+from jaxpack.search.bin_values import best_of, cover, has_values, kinds_of, search_values
+from jaxpack.search.portfolio import cheapest_types
+
+WAYS = tuple(ORIENTATIONS)
+UPRIGHT = ("XYZ", "YXZ")
+
+
+def job_of(seed, dimension=3, kinds=4, copies=6, types=1, weights=False, ways=WAYS):
+    rng = np.random.default_rng(seed)
+    sides = rng.integers(2, 9, (kinds, 3)).astype(float)
+    rooms = rng.integers(10, 16, (types, 3)).astype(float)
+    if dimension == 2:
+        sides[:, 1] = rooms[:, 1] = 1
+        ways = ("XYZ", "ZYX") if len(ways) > 1 else ways
+    heavy = rng.integers(1, 9, kinds) if weights else np.zeros(kinds)
+    items = tuple(
+        ItemType(tuple(side), int(rng.integers(1, copies + 1)), float(weight), ways)
+        for side, weight in zip(sides, heavy, strict=True)
+    )
+    bins = tuple(
+        BinType(tuple(room), float(cost), None if n == 0 else 2, 30.0 if weights else np.inf)
+        for n, (room, cost) in enumerate(zip(rooms, rng.integers(1, 5, types), strict=True))
+    )
+    return Job(items, bins, dimension)
+
+
+def plan(loading, best):
+    types = cheapest_types(loading, best.genes.turn, best.bin, best.corner)
+    return plan_of(loading, best.genes.order, best.genes.turn, best.bin, best.corner, types)
+
+
+def found(loading, passes, seed=0):
+    return [best for best, _ in islice(search_values(loading, seed, lambda: False), passes) if best]
+
+
+@pytest.mark.parametrize(
+    ("rules", "how"),
+    [
+        (Rules(), {}),
+        (Rules(), {"weights": True, "types": 3}),
+        (Rules(0.5, True), {"copies": 1, "kinds": 12}),
+        (Rules(1.0), {"types": 2, "ways": UPRIGHT}),
+        (Rules(0.0), {"ways": ("XYZ",)}),
+        (Rules(0.7), {"dimension": 2, "copies": 9}),
+        (Rules(0.0), {"dimension": 2, "kinds": 9}),
+    ],
+)
+def test_every_packing_is_a_plan_of_everything(rules, how):
+    for seed in range(6):
+        loading = load_job(job_of(seed, **how), rules)
+        assert has_values(loading)
+        packings = found(loading, 9)
+        for best in packings:
+            one = plan(loading, best)
+            check_plan(loading.job, one, rules.support, rules.inclusive)
+            assert not one.left_out
+        costs = [best.cost for best in packings]
+        assert costs == sorted(costs, reverse=True)
+        assert packings, "there are bins enough"
+
+
+def test_the_same_seed_fills_the_same():
+    loading = load_job(job_of(3, types=2))
+    one, other = found(loading, 5, seed=7), found(loading, 5, seed=7)
+    assert len(one) == len(other)
+    for mine, theirs in zip(one, other, strict=True):
+        np.testing.assert_array_equal(mine.bin, theirs.bin)
+        np.testing.assert_array_equal(mine.corner, theirs.corner)
+
+
+@pytest.mark.parametrize("several", [True, False])
+def test_compiled_it_is_the_same_to_the_bit(several):
+    loading = load_job(job_of(1, copies=6 if several else 1, kinds=5, types=2, weights=True))
+    kinds, random = kinds_of(loading), np.random.default_rng(0)
+    types = np.arange(2)
+    goods, _ = bin_values._drawn(kinds, kinds.volume, kinds.count, types, random)
+
+    @partial(jax.jit, static_argnums=0)
+    def fill(several, goods):
+        step = partial(filling.step, jnp, several, goods)
+        return jax.lax.while_loop(filling.goes_on, step, filling.empty(jnp, goods, kinds.blocks))
+
+    ours = bin_values.fill_in_numpy(kinds.several, kinds.blocks, goods, lambda: False)
+    assert ours.used.min() > 0
+    for mine, compiled in zip(ours, fill(kinds.several, goods), strict=True):
+        np.testing.assert_array_equal(mine, compiled)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_longest_sums_are_those_of_all_combinations(seed):
+    rng = np.random.default_rng(seed)
+    edges, copies = rng.integers(2, 12, 3), rng.integers(1, 4, 3)
+    combinations = product(*(range(most + 1) for most in copies.tolist()))
+    sums = {
+        sum(n * edge for n, edge in zip(ns, edges.tolist(), strict=True)) for ns in combinations
+    }
+    expected = [max(total for total in sums if total <= length) for length in range(31)]
+    assert filling.longest_sums(edges, copies, 30).tolist() == expected
+
+
+def test_what_the_cover_has_too_much_is_taken_out_from_the_top():
+    taken = 0
+    for seed in range(12):
+        loading = load_job(job_of(seed, copies=9))
+        kinds, random = kinds_of(loading), np.random.default_rng(seed)
+        pool = {}
+        for _ in range(6):
+            bins, _ = bin_values._pass(kinds, kinds.volume, random, lambda: False)
+            pool |= {one.held.tobytes(): one for one in bins}
+        chosen = cover(kinds, [*pool.values()])
+        assert (sum(one.times * one.held for one in chosen) >= kinds.count).all()
+        taken += (sum(one.times * one.held for one in chosen) > kinds.count).any()
+        if best := best_of(kinds, chosen):
+            check_plan(loading.job, plan(loading, best))
+            assert (best.bin >= 0).all()
+    assert taken, "some hold more than there is"
+
+
+ALL = {"ORIENTED": 0}
+ORDERS = {  # what people asked about: items (sides, copies), bins, how many bins of which size
+    "three bars": ([(40, 30, 30, 3)], [(90, 40, 30)], {(90, 40, 30): 1}),
+    "slabs": ([(210, 80, 46, 2), (210, 80, 8, 1), (220, 110, 20, 1)], [(292, 220, 46)], 1),
+    "five bricks": ([(3, 1, 2, 5)], [(6, 1, 5)], 1),
+    "tiles": ([(35, 35, 5, 10)], [(40, 40, 40)], 1),
+    "beams": ([(200, 60, 50, 20)], [(250, 250, 200)], 1),
+    "a full pallet": ([(40, 24, 60, 24)], [(120, 80, 160)], 1),
+    "two of two": (
+        [(260, 198, 65, 2), (175, 122, 45, 2)],
+        [(425, 250, 150), (415, 260, 285)],
+        {(425, 250, 150): 1},
+    ),
+    "long and small": (
+        [(4.5, 2, 3.5, 2), (17.5, 7, 7, 1), (15.5, 7, 7, 1)],
+        [(18, 7, 7), (24, 9, 9), (18, 14, 8), (36, 24, 12), (36, 24, 6), (8, 8, 4)],
+        {(18, 14, 8): 1},
+    ),
+    "the larger one": (
+        [(70, 70, 95, 6), (95, 95, 75, 2)],
+        [(240, 75, 160), (340, 180, 260)],
+        {(340, 180, 260): 1},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_orders_that_people_asked_about(name):
+    goods, rooms, expected = ORDERS[name]
+    items = [ItemType(tuple(map(float, row[:3])), row[3], orientations=WAYS) for row in goods]
+    job = Job(tuple(items), tuple(BinType(tuple(map(float, room))) for room in rooms))
+    solution = jaxpack.solve(job, packings=120)
+    used = [job.bins[packed.bin].size for packed in solution.plan.bins]
+    if isinstance(expected, dict):
+        assert sorted(used) == sorted(
+            tuple(map(float, size)) for size, times in expected.items() for _ in range(times)
+        )
+    assert len(used) == (expected if isinstance(expected, int) else sum(expected.values()))
