@@ -28,7 +28,9 @@ from jaxpack.packing.first_fit import pack
 def packed(problem, sizes):
     """(instance, packing) of the items in the order of the table."""
     instance = make_instance(problem, sizes)
-    return instance, jax.jit(partial(pack, problem))(instance, jnp.arange(len(sizes)))
+    fully = {"xla_backend_optimization_level": 3}  # the largest bins have a million cells
+    packs = jax.jit(partial(pack, problem), compiler_options=fully)
+    return instance, packs(instance, jnp.arange(len(sizes)))
 
 
 def test_the_height_map_of_figure_4a():
