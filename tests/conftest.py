@@ -4,14 +4,13 @@ import ctypes
 import gc
 import os
 import resource
+import subprocess
+import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-import jax
 import pytest
-
-from jaxpack.xla.programs import tune_for_cpu
 
 
 def pytest_configure(config):
@@ -21,18 +20,39 @@ def pytest_configure(config):
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
         os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
         # XLA does all it does, LLVM does little: half the time for programs that run briefly.
-        flags = os.environ.get("XLA_FLAGS", "")
-        if "optimization_level" not in flags:
-            os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0"
+        add_flag("--xla_backend_optimization_level=0")
+        # What makes code of its fusions takes two thirds of what is left; the one before it is
+        # quick. The slow tests, and the quick ones of `.ci/run` on another Python, do without.
+        if config.option.markexpr != "slow":
+            add_flag("--xla_cpu_use_fusion_emitters=false")
+        add_flag("--xla_cpu_parallel_codegen_split_count=1")  # the cores have other tests to run
+    from jaxpack.xla.programs import tune_for_cpu  # JAX reads its part of this when imported
+
     tune_for_cpu()  # as the doors do
 
 
-MOST_MEMORY = 1200  # MiB that a worker keeps from one file of tests to the next
+def add_flag(flag):
+    """Gives XLA a flag that nobody has given, if it is one that it knows: it ends a process
+    otherwise.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    if flag.partition("=")[0] in flags:
+        return
+    trial = [sys.executable, "-c", "import jax; jax.devices()"]
+    more = {"XLA_FLAGS": f"{flags} {flag}"}
+    alone = os.environ | more | {"JAX_PLATFORMS": "cpu"}
+    if subprocess.run(trial, env=alone, capture_output=True).returncode == 0:
+        os.environ.update(more)
 
 
-@pytest.fixture(scope="module", autouse=True)
+MOST_MEMORY = 1000  # MiB that a worker keeps from one test to the next
+
+
+@pytest.fixture(autouse=True)
 def _programs_leave_the_memory():
     """Those on disk come back quickly; all of them together take gigabytes."""
+    import jax
+
     yield
     pages = Path("/proc/self/statm")
     held = int(pages.read_text().split()[1]) * resource.getpagesize() if pages.exists() else 0

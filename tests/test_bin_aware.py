@@ -29,6 +29,7 @@ PROBLEMS = {
     "int16": Problem(bin=(12, 11, 9), largest=(5, 4), support=0.3),
 }
 NETWORK = BinAwareConfig(hidden=16)
+ITEMS, COUNT = 14, 1000  # of what is played at random: one program per problem
 
 
 def batch_last(instances):
@@ -59,6 +60,13 @@ def random_play(problem, items, kinds):
     return jax.jit(play)
 
 
+def few_played(problem, seed, count):
+    """(states, choices) of the first of the random plays, all steps of them."""
+    instances, _ = random_cases(problem, seed, COUNT, ITEMS)
+    states, choices, *_ = random_play(problem, ITEMS, None)(jax.random.key(2), instances)
+    return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[..., :count]), (states, choices))
+
+
 def first_of(many):
     return jax.tree.map(lambda leaf: leaf[0], many)
 
@@ -75,7 +83,7 @@ def may_turn(problem, instances):
 @pytest.mark.parametrize("turns", [False, True])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_order_packs_to_what_the_policy_saw(name, turns):
-    problem, items, count = PROBLEMS[name], 14, 2000
+    problem, items, count = PROBLEMS[name], ITEMS, COUNT
     instances, _ = random_cases(problem, 7, count, items)
     if turns:
         instances = may_turn(problem, instances)
@@ -110,9 +118,8 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_candidate_table_equals_the_kernel_kind_by_kind(name):
-    problem, items, count = PROBLEMS[name], 10, 200
-    instances, _ = random_cases(problem, 8, count, items)
-    states, choices, *_ = random_play(problem, items, None)(jax.random.key(2), instances)
+    problem = PROBLEMS[name]
+    states, choices = few_played(problem, 8, 200)
     fixed, sides = first_of(states.kinds), states.kinds.sides
     needed = problem.cells_needed(sides[0].astype(jnp.int32) * sides[1]).astype(sides[0].dtype)
     heights = jnp.moveaxis(states.inside.heights, 0, 2)[:, :, :, None]  # [L', W', steps, 1, count]
@@ -172,12 +179,11 @@ def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
 
 @pytest.mark.parametrize("attention", [0, 2])
 def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
-    problem, items = PROBLEMS["3d"], 10
+    problem = PROBLEMS["3d"]
     config = replace(NETWORK, attention=attention, sees="all" if attention else "surroundings")
     params = init_network(config, problem, jax.random.key(0))
     params["score"] = jax.random.normal(jax.random.key(9), params["score"].shape)
-    instances, _ = random_cases(problem, 9, 50, items)
-    states, choices, *_ = random_play(problem, items, None)(jax.random.key(3), instances)
+    states, choices = few_played(problem, 9, 50)
 
     def log_probs(state):
         return scores(config, params, look(config, Table(problem), state))
@@ -325,8 +331,8 @@ def test_a_few_updates_lower_the_cost(learner):
         learner=learner,
     )
     state, first = train_chunk(config, init_state(config, jax.random.key(0)), 5)
-    state, _ = train_chunk(config, state, 20)
-    state, last = train_chunk(config, state, 5)
+    for _ in range(5):
+        state, last = train_chunk(config, state, 5)
     assert last.outcome.cost < 0.97 * first.outcome.cost
     assert last.finite == 1
 

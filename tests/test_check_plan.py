@@ -528,13 +528,13 @@ LARGE = {
 def test_large_plans_take_a_moment_and_little_memory(name):
     make, wanted, seconds = LARGE[name]
     job, plan = make()
-    times = []
-    for _ in range(3):  # of the processor, on a machine with other work
+    taken = []
+    while len(taken) < 3 and min(taken, default=seconds) >= seconds:  # there is other work too
         begun = time.process_time()
         rules = Counter(violation.rule for violation in plan_violations(job, plan))
-        times.append(time.process_time() - begun)
+        taken.append(time.process_time() - begun)
     assert rules == wanted
-    assert min(times) < seconds
+    assert min(taken) < seconds
     tracemalloc.start()
     try:
         assert bool(list(plan_violations(job, plan))) == bool(wanted)

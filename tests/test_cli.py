@@ -247,10 +247,12 @@ def start_and_wait(run_door, run, *options):
     return process
 
 
+ENDLESS = ("paper-2d", *SMALL, "--epochs", "100000", "--hidden", "8", "--chunk", "5")
+
+
 def test_a_run_stops_at_sigterm_and_has_one_trainer(run_door):
     run = run_door.home / "long"
-    endless = ("--epochs", "100000", "--hidden", "8", "--chunk", "5", "--checkpoint-every", "50000")
-    new, resume = ("paper-2d", *SMALL, *endless, "--run", "long"), ("--resume", "long")
+    new, resume = (*ENDLESS, "--checkpoint-every", "50000", "--run", "long"), ("--resume", "long")
     term, kill = signal.SIGTERM, signal.SIGKILL
     for options, last in ((new, term), (resume, kill), (resume, term)):
         with start_and_wait(run_door, run, *options) as process:
@@ -274,8 +276,8 @@ def test_a_full_disk_at_a_checkpoint_is_one_line_and_exit_code_2(run_door):
         "resource.setrlimit(resource.RLIMIT_FSIZE, (6000, -1))\n"  # less than a checkpoint needs
         "runpy.run_module('jaxpack.train', run_name='__main__')\n"
     )
-    options = ("--hidden", "8", "--chunk", "5", "--checkpoint-every", "5", "--run", "full")
-    command = [sys.executable, "-W", "ignore", "-c", limited, "paper-2d", *SMALL, *options]
+    options = (*ENDLESS, "--checkpoint-every", "5", "--run", "full")
+    command = [sys.executable, "-W", "ignore", "-c", limited, *options]
     done = subprocess.run(command, cwd=run_door.home, capture_output=True, text=True, timeout=400)
     assert done.returncode == 2, done.stderr
     *_, last = done.stderr.strip().splitlines()

@@ -46,7 +46,7 @@ def figures(row):
     ],
 )
 def test_the_batch_size_does_not_change_the_figures(name):
-    options = MethodOptions(brkga=BrkgaConfig(20, 5), kinds=25, width=2, draws=2, rounds=3)
+    options = MethodOptions(brkga=BrkgaConfig(10, 3), kinds=25, width=2, draws=2, rounds=3)
     method = make_method(name, PAPER.problem, options)
     rows = [
         compare(Comparison(PAPER.problem, instances=60, batch=batch), name, method, [CELL])[0]

@@ -78,7 +78,9 @@ def told(read, *names):
         return None
 
 
-@pytest.mark.parametrize("name", ["pointer-2d", "bin-aware-3d"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("pointer-2d", marks=pytest.mark.slow), "bin-aware-3d"]
+)
 def test_a_bit_flip_in_weights_is_told_or_harmless(name, tmp_path):
     rng, path = random.Random(name), tmp_path / "mine.npz"
     archive, record = ((WEIGHTS / f"{name}.{kind}").read_bytes() for kind in ("npz", "json"))
