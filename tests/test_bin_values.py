@@ -13,7 +13,8 @@ from jaxpack.model.encoding import Rules, load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search import bin_values, filling
-from jaxpack.search.bin_values import best_of, cover, has_values, kinds_of, search_values
+from jaxpack.search.bin_values import has_values, search_values
+from jaxpack.search.fillings import best_of, cover, kinds_of
 from jaxpack.search.portfolio import cheapest_types
 
 WAYS = tuple(ORIENTATIONS)

@@ -70,7 +70,7 @@ class Objective:
     """What the measure would be if nothing were left out."""
     maximised: bool = False  # the measure, which is otherwise minimised
     leaves_out: bool = False  # items that fit may be left out, and bins without COPIES are one
-    by_bins: bool = False  # it counts bins and their prices, and everything is packed
+    fills: bool = False  # bins may be filled one after the other, by the value of what is in them
     open_bin: bool = False  # there is one bin, its height may be open, and plans say theirs
     obeys: tuple[str, ...] = ()  # columns of items that other objectives refuse: PROFIT
     on_grid: Callable[..., Any] | None = None

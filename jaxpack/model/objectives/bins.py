@@ -48,6 +48,6 @@ BINS = Objective(
     measure=_bins,
     cost=bins_cost,
     parts=PARTS,
-    by_bins=True,
+    fills=True,
     on_grid=_on_grid,
 )

@@ -15,5 +15,5 @@ PRICE = Objective(
     measure=total_cost,
     cost=bins_cost,
     parts=PARTS,
-    by_bins=True,
+    fills=True,
 )

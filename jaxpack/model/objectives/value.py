@@ -53,5 +53,6 @@ VALUE = Objective(
     total=_total,
     maximised=True,
     leaves_out=True,
+    fills=True,
     obeys=("PROFIT",),
 )

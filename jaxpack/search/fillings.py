@@ -1,0 +1,185 @@
+"""Filled bins, by kinds of items, and what they come to together: a packing, or a cheaper choice.
+
+Out of all bins that were ever filled an integer program (HiGHS, in SciPy) takes the cheapest that
+hold everything. What is then there twice is taken out from the top.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxpack.model.encoding import Genes, Loading, most_together
+from jaxpack.search.filling import BLOCKS, FAR, longest_sums
+from jaxpack.search.local_search import Best
+from jaxpack.search.quick import cost_of
+
+NODES = 200  # of the branch and bound of the cover
+FINE = 4096  # lengths that sums of edges are known for; longer sides are rounded
+
+
+class Filled(NamedTuple):
+    """A bin, as often as it is packed like this."""
+
+    kind: int  # index in Job.bins
+    held: np.ndarray  # int32 [K], copies of each kind in it
+    row: np.ndarray  # int32 [m], of the blocks
+    grid: np.ndarray  # int32 [3, m]
+    near: np.ndarray  # int32 [3, m]
+    times: int = 1
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """A loading by kind: items that are alike."""
+
+    loading: Loading
+    rows: np.ndarray  # int [N], kind of every row of the stock
+    first: np.ndarray  # int [K], a row of each
+    count: np.ndarray  # int32 [K]
+    side: np.ndarray  # int32 [3, R]
+    needed: np.ndarray  # int32 [R]
+    weight: np.ndarray  # int32 [K]
+    volume: np.ndarray  # float64 [K]
+    bins: np.ndarray  # int [T], a row of the stock for each type of bins
+    limit: np.ndarray  # int32 [T]
+    unit: int  # of the sums of edges
+    several: bool  # whether any has more than one copy
+    blocks: int  # that a bin may hold
+    known: dict[bytes, np.ndarray] = field(default_factory=dict)  # sums
+
+    def sums(self, left: np.ndarray) -> np.ndarray:
+        """Longest sums of edges of the kinds of which some are left: int32 [3, L]."""
+        key = (left > 0).tobytes()
+        if key not in self.known:
+            ways = self.side.shape[1] // len(left)
+            some = np.repeat(left > 0, ways)
+            most = int(self.loading.stock.bins[self.bins].max()) // self.unit
+            columns = []
+            for axis in range(3):
+                edges, which = np.unique(
+                    -(-self.side[axis, some] // self.unit), return_inverse=True
+                )
+                copies = np.bincount(which.ravel(), np.repeat(self.count, ways)[some]).astype(int)
+                short = edges <= most
+                columns.append(longest_sums(edges[short], copies[short], most))
+            self.known[key] = np.stack(columns) * np.int32(self.unit)
+        return self.known[key]
+
+
+def kinds_of(loading: Loading) -> Kinds:
+    """Of a job."""
+    stock = loading.stock
+    N, ways = stock.sizes.shape[:2]
+    columns = stock.ways, stock.weight, stock.profit.view(np.int32)
+    table = np.concatenate([stock.sizes.reshape(N, -1), np.stack(columns, 1)], 1)
+    _, first, rows, copies = np.unique(
+        table, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    side = np.where(
+        (np.arange(ways) < stock.ways[first][:, None])[..., None], stock.sizes[first], FAR
+    ).reshape(-1, 3).T  # fmt: skip
+    _, bins = np.unique(loading.bins, return_index=True)
+    limits = stock.limit[bins].astype(np.int64)
+    bounded = limits[limits < np.iinfo(stock.limit.dtype).max]
+    unit = -(-int(bounded.max(initial=1)) // 2**28)
+    weight = -(-stock.weight[first].astype(np.int64) // unit)
+    limit = np.minimum(limits // unit, 2**29)
+    return Kinds(
+        loading, rows.ravel(), first, copies.astype(np.int32), side.astype(np.int32),
+        stock.needed[first].reshape(-1).astype(np.int32), weight.astype(np.int32),
+        stock.sizes[first, 0].astype(float).prod(1), bins, limit.astype(np.int32),
+        -(-int(stock.bins[bins].max()) // FINE), bool(copies.max() > 1),
+        min(BLOCKS, most_together(stock)),
+    )  # fmt: skip
+
+
+def best_of(kinds: Kinds, bins: list[Filled]) -> Best | None:
+    """A packing in the rows of the stock, loaded from low to high; None where more is in the bins
+    than there is, and cannot be taken out.
+    """
+    loading = kinds.loading
+    N, ways = loading.stock.sizes.shape[:2]
+    surplus = sum(one.times * one.held for one in bins) - kinds.count
+    turn, bin, corner = np.zeros(N, np.int32), np.full(N, -1, np.int32), np.zeros((N, 3), np.int32)
+    waiting = [np.flatnonzero(kinds.rows == kind).tolist() for kind in range(len(kinds.first))]
+    slots = {
+        kind: iter(np.flatnonzero(loading.bins == loading.bins[row]).tolist())
+        for kind, row in enumerate(kinds.bins)
+    }
+    packed = []
+    for one in bins:
+        rows, places = _items(kinds, one)
+        for _ in range(one.times):
+            stays = _without_surplus(kinds, rows, places, surplus)
+            packed.append((next(slots[one.kind]), rows[stays], places[stays]))
+    if (surplus > 0).any():
+        return None
+    for slot, rows, places in packed:
+        for row, place in zip(rows.tolist(), places, strict=True):
+            mine = waiting[row // ways].pop()
+            turn[mine], bin[mine], corner[mine] = row % ways, slot, place
+    pool = [slot for slot, *_ in packed]
+    order = np.lexsort((corner[:, 2], bin)).astype(np.int32)
+    rest = np.setdiff1d(np.arange(len(loading.bins)), pool)
+    genes = Genes(order, turn, np.concatenate([pool, rest]).astype(np.int32))
+    return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
+
+
+def _items(kinds: Kinds, one: Filled) -> tuple[np.ndarray, np.ndarray]:
+    """(row int [n], near corner int [n, 3]) of every item in a bin."""
+    rows, places = [], []
+    for row, grid, near in zip(one.row.tolist(), one.grid.T, one.near.T, strict=True):
+        steps = np.stack(np.meshgrid(*map(np.arange, grid), indexing="ij"), -1).reshape(-1, 3)
+        places.append(near + steps * kinds.side[:, row])
+        rows += [row] * len(steps)
+    return np.array(rows), np.concatenate(places)
+
+
+def _without_surplus(
+    kinds: Kinds, rows: np.ndarray, places: np.ndarray, surplus: np.ndarray
+) -> np.ndarray:
+    """Which items stay, after what is too many and carries nothing is taken out: bool [n].
+
+    Args:
+        surplus: int [K], of each kind; what is taken out is subtracted.
+    """
+    K = len(surplus)
+    kind, stays = rows // (kinds.side.shape[1] // K), np.ones(len(rows), bool)
+    far = places + kinds.side[:, rows].T
+    for n in np.argsort(-far[:, 2], kind="stable").tolist() if (surplus > 0).any() else ():
+        if surplus[kind[n]] <= 0:
+            continue
+        above = stays & (places[:, 2] == far[n, 2])
+        above &= ((places[:, :2] < far[n, :2]) & (far[:, :2] > places[n, :2])).all(1)
+        if not above.any():
+            stays[n] = False
+            surplus[kind[n]] -= 1
+    return stays
+
+
+def cover(kinds: Kinds, pool: list[Filled]) -> list[Filled] | None:
+    """The cheapest bins out of a pool that hold everything, perhaps some of it twice."""
+    from scipy.optimize import Bounds, LinearConstraint, milp  # a third of a second
+    from scipy.sparse import csr_array
+
+    held = csr_array(np.stack([one.held for one in pool], 1))
+    price = kinds.loading.stock.price[kinds.bins][[one.kind for one in pool]].astype(float)
+    rows = [LinearConstraint(held, lb=kinds.count)]
+    job = kinds.loading.job
+    for kind, row in enumerate(kinds.bins):
+        copies = job.bins[int(kinds.loading.bins[row])].copies
+        if copies is not None:
+            mine = np.array([[one.kind == kind for one in pool]], float)
+            rows.append(LinearConstraint(mine, ub=copies))
+    found = milp(
+        price,
+        integrality=np.ones(len(pool)),
+        constraints=rows,
+        bounds=Bounds(0, np.inf),
+        options={"node_limit": NODES},
+    )
+    if found.x is None:
+        return None
+    times = np.round(found.x).astype(int)
+    return [pool[n]._replace(times=int(times[n])) for n in np.flatnonzero(times)]
