@@ -63,7 +63,9 @@ def figures_of_one(found: Solution) -> dict[str, str]:
     rows["search"] = f"{found.seconds:.1f} s, {found.packings:,} packings tried"
     rows["limited by"] = found.limited_by
     if figures.left_out:
-        counts = Counter(job.items[item].name or f"item {item}" for item in found.plan.left_out)
+        counts = Counter(
+            job.items[item].name or f"item {item}" for item in sorted(found.plan.left_out)
+        )
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
     if len(job.bins) > 1:
         rows["minimised"] = goal.minimised

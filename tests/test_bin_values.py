@@ -13,9 +13,9 @@ from jaxpack.model.encoding import Rules, load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search import bin_values, filling
+from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.fillings import best_of, cover, kinds_of
-from jaxpack.search.portfolio import cheapest_types
 
 WAYS = tuple(ORIENTATIONS)
 UPRIGHT = ("XYZ", "YXZ")
@@ -121,7 +121,7 @@ def test_what_the_cover_has_too_much_is_taken_out_from_the_top():
         kinds, random = kinds_of(loading), np.random.default_rng(seed)
         pool = {}
         for _ in range(6):
-            bins, _ = bin_values._pass(kinds, kinds.volume, random, lambda: False)
+            bins, _ = bin_values._pass(kinds, kinds.volume, np.ones(1), random, lambda: False)
             pool |= {one.held.tobytes(): one for one in bins}
         chosen = cover(kinds, [*pool.values()])
         assert (sum(one.times * one.held for one in chosen) >= kinds.count).all()

@@ -142,7 +142,7 @@ def test_the_command_packs_the_best_subset_and_the_check_knows_it(tmp_path):
     )
     assert code == 0, "to leave out is the point"
     assert "value        14 of 30, at most 14, gap 0.0 %" in output
-    assert "left out     3 items (1 of half, 1 of large, 1 of cube)" in output
+    assert "left out     3 items (1 of large, 1 of half, 1 of cube)" in output
     assert "limited by   the bound: no plan can be better" in output
     plan = json.loads((tmp_path / "p.json").read_text())
     assert plan["objective"] == "value"

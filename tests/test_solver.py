@@ -24,11 +24,12 @@ from jaxpack.model.figures import plan_figures
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.model.units import units_of
+from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.compiled import first_genes, packer_of, search
 from jaxpack.search.local_search import advance, bred, exchange, join, packed
 from jaxpack.search.packer import encode, first_fit, pack_lanes
 from jaxpack.search.policy_orders import policy_genes
-from jaxpack.search.portfolio import End, SolveOptions, cheapest_types, improve, solve_job
+from jaxpack.search.portfolio import End, SolveOptions, improve, solve_job
 from jaxpack.search.quick import (
     cost_of,
     genes_of,

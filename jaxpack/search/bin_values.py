@@ -25,6 +25,7 @@ NOISE = 0.1  # of the values of a lane, but for the first ones
 DRAWN = 1.0  # of the values of a draw at most
 DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
 """Fillings of a bin of which the best is taken; fewer where there are many kinds."""
+PRICED = 0.2  # noise on what the types of bins cost, from the second pass on
 LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
 STRICT = (0.25, 0.5, 1.0, 2.0)  # what the volume that a block spoils counts in a draw
 COVER = 8  # passes after which bins of all of them are put together
@@ -54,11 +55,12 @@ def search_values(loading: Loading, seed: int, stop: Stop) -> Iterator[tuple[Bes
     least, covered, value = math.inf, 0, _first_values(kinds, None)
     best_subset = loading.objective.leaves_out
     for number in count(1):
-        bins, whole = _pass(kinds, value, random, stop)
+        noise = PRICED * random.standard_normal(len(price)) * (number > 1)
+        bins, left = _pass(kinds, value, price * np.exp(noise), random, stop)
         if stop():
             return
         pool |= {(one.kind, one.held.tobytes()): one for one in bins}
-        plans = [bins] if whole or best_subset else []
+        plans = [bins] if best_subset or not left.any() else []
         if number % COVER == 0 and len(pool) > covered and not best_subset:
             covered = len(pool)
             plans += filter(None, [cover(kinds, [*pool.values()])])
@@ -70,9 +72,10 @@ def search_values(loading: Loading, seed: int, stop: Stop) -> Iterator[tuple[Bes
             if cost < least - 1e-9 and (packing := best_of(kinds, bins_of_plan)):
                 best, least = packing, cost
         yield best, 1
-        value = (
-            _first_values(kinds, random) if number % PASSES == 0 else _charged(kinds, value, bins)
-        )
+        if number % PASSES == 0:
+            value = _first_values(kinds, random)
+        elif not best_subset:
+            value = _charged(kinds, value, bins, left)
 
 
 def has_values(loading: Loading) -> bool:
@@ -96,22 +99,22 @@ def _first_values(kinds: Kinds, random: np.random.Generator | None) -> np.ndarra
     return value if random is None else value * np.exp(NOISE * random.standard_normal(len(value)))
 
 
-def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled]) -> np.ndarray:
-    """The values once everything has paid for the waste of its bins."""
+def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled], left: np.ndarray) -> np.ndarray:
+    """The values once everything has paid for the waste of its bins; what is left goes first."""
     room = kinds.loading.stock.bins[kinds.bins].astype(float).prod(1)
     charged = np.zeros(len(value))
     for one in bins:
         filled = max(one.held @ kinds.volume, 1e-9)
         charged += one.times * one.held * kinds.volume * (room[one.kind] / filled)
     new = charged / kinds.count
-    return np.where(new > 0, (value + new) / 2, value)
+    value = np.where(new > 0, (value + new) / 2, value)
+    return np.where(left > 0, 2 * value.max(), value)
 
 
 def _pass(
-    kinds: Kinds, value: np.ndarray, random: np.random.Generator, stop: Stop
-) -> tuple[list[Filled], bool]:
-    """(bins, whether they hold everything): one after the other, each by its value and price."""
-    price = kinds.loading.stock.price[kinds.bins].astype(float)
+    kinds: Kinds, value: np.ndarray, price: np.ndarray, random: np.random.Generator, stop: Stop
+) -> tuple[list[Filled], np.ndarray]:
+    """(bins, what is left, int [K]): one after the other, each by its value for its price [T]."""
     there = np.array([(kinds.loading.bins == kinds.loading.bins[row]).sum() for row in kinds.bins])
     left, bins = kinds.count.copy(), list[Filled]()
     while left.any() and (there > 0).any():
@@ -123,7 +126,7 @@ def _pass(
         held = left[left > 0, None] - done.left  # [kinds that are left, lanes]
         prices = np.repeat(price[types], held.shape[1] // len(types))
         worth = value[left > 0] @ held / prices
-        lane = int(np.where((done.left == 0).all(0), 1e300 / prices, worth).argmax())
+        lane = int(worth.argmax())
         if not held[:, lane].any():
             break
         one = _filled(kinds, done, lane, left > 0, held[:, lane], bool(swapped[lane]))
@@ -133,7 +136,7 @@ def _pass(
         bins.append(one._replace(times=times))
         left = left - times * one.held
         there[one.kind] -= times
-    return bins, not left.any()
+    return bins, left
 
 
 def _drawn(

@@ -16,6 +16,7 @@ from jaxpack.model.job import Job, Plan
 from jaxpack.model.objectives import bounds, gap, objective_of
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
+from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.local_search import Best, better
 from jaxpack.search.quick import SORTS, quick_plan, search_quickly
@@ -323,51 +324,3 @@ class _Searches:
                 yield from self._reply(process)
             if not process.alive:  # it ran out of memory, or somebody ended it
                 self.compiled = False
-
-
-def cheapest_types(
-    loading: Loading, turn: np.ndarray, bin: np.ndarray, corner: np.ndarray
-) -> dict[int, int]:
-    """For every bin that is used the type to take for it: the cheapest one left that can hold it.
-
-    Args:
-        loading: what was packed.
-        turn, bin, corner: of one lane, by row of the stock.
-
-    Returns:
-        Index of `Stock.bins` -> index in Job.bins.
-    """
-    job, stock = loading.job, loading.stock
-    slots, number = np.unique(bin[bin >= 0], return_inverse=True)
-    own = loading.bins[slots]
-    as_packed = dict(zip(slots.tolist(), own.tolist(), strict=True))
-    if len(job.bins) == 1:
-        return as_packed
-    rows = np.flatnonzero(bin >= 0)
-    ends = corner[rows].astype(np.int64) + stock.sizes[rows, turn[rows]]
-    reach, weight = np.zeros((len(slots), 3), np.int64), np.zeros(len(slots), np.int64)
-    np.maximum.at(reach, number, ends)
-    np.add.at(weight, number, stock.weight[rows].astype(np.int64))
-    kinds, first = np.unique(loading.bins, return_index=True)
-    no_limit = np.iinfo(stock.limit.dtype).max
-    prices = [
-        (stock.price[row], kind) for kind, row in zip(kinds.tolist(), first.tolist(), strict=True)
-    ]
-    left = {kind: job.bins[kind].copies for kind in kinds.tolist()}
-    chosen = {}
-    # The dearest bins choose first: they have the most to save.
-    for n in np.argsort(-stock.price[slots], kind="stable").tolist():
-        able = [
-            (price, kind != own[n], kind)
-            for (price, kind), row in zip(prices, first.tolist(), strict=True)
-            if left[kind] != 0
-            and (reach[n] <= stock.bins[row]).all()
-            and (stock.limit[row] == no_limit or weight[n] <= stock.limit[row])
-        ]
-        if not able:  # another one took the copy it had
-            return as_packed
-        kind = min(able)[2]
-        chosen[int(slots[n])] = kind
-        copies = left[kind]
-        left[kind] = None if copies is None else copies - 1
-    return chosen
