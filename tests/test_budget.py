@@ -50,13 +50,13 @@ def counted(job, packings, seed=3, **options):
 
 @pytest.mark.parametrize("policy", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_packings_give_the_same_plan_on_a_busy_machine(policy):
-    """The compiled search: 12 sorts, lanes, two dispatches or more, and a rest in NumPy."""
+    """What nobody compiles, then lanes, two dispatches or more, and a rest."""
     job = Job(JOB.items, (BinType((10.0,) * 3, copies=1),), objective="value")
     assert compiles(load_job(job))
-    number = 12 + 32 + 2 * 8 * 32 + 2 * 2 * 32 + 39
+    number = 49 + 32 + 2 * 8 * 32 + 2 * 2 * 32 + 39
     found, better = counted(job, number, policy=policy)
     assert (found.end, found.packings) == (End.BUDGET, number)
-    assert any(packings > 12 for packings, _ in better), "something came of it"
+    assert len(better) > 1, "something came of it"
     with busy():
         again, same = counted(job, number, policy=policy)
     assert same == better

@@ -23,6 +23,9 @@ from jaxpack.search.quick import SORTS, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
+ALONE = (
+    0.3  # share of the time in which orders of items are not searched, where most have their like
+)
 UNCOMPILED = 48  # packings before the compiled search, where their number is given
 TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
@@ -212,9 +215,8 @@ class _Searches:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
         kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
-        # Orders of items are not worth searching where most items have their like.
+        # Orders of items are hardly worth searching where most items have their like.
         self.many = not has_values(loading) or 2 * kinds > len(loading.items)
-        self.compiles = self.many and compiles(loading)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
 
@@ -226,10 +228,14 @@ class _Searches:
             yield from self._counted(best, self.options.packings - 1)
             return
         quickly = self._quickly(best, self.late)
-        for found, tried in islice(quickly, SORTS):  # most orders are done before anything starts
+        # Most orders are done before anything starts.
+        start = perf_counter() + (0 if self.many else ALONE * (self.end - perf_counter()))
+        for number, (found, tried) in enumerate(quickly, 1):
             best = better(best, found or best)
             yield found, tried
-        process = self._asked(best)
+            if number >= SORTS and perf_counter() >= start:
+                break
+        process = self._asked(best) if compiles(self.loading) else None
         if process is None:
             yield from quickly
             return
@@ -271,10 +277,11 @@ class _Searches:
         search, and what is too little for that or left by it.
         """
         quickly = self._quickly(best, self.late, min(SORTS - 1, left))
-        for found, tried in islice(quickly, min(left, UNCOMPILED) if self.compiles else left):
+        compiled = self.many and compiles(self.loading) and left > UNCOMPILED
+        for found, tried in islice(quickly, UNCOMPILED if compiled else left):
             best, left = better(best, found or best), left - tried
             yield found, tried
-        if left and (process := self._asked(best, left)):
+        if compiled and (process := self._asked(best, left)):
             try:
                 while process.running and process.alive and not self.late():
                     for found, tried in self._reply(process):
@@ -285,8 +292,8 @@ class _Searches:
         yield from islice(quickly, left)
 
     def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
-        """A process that begins the compiled search, if there is one for the job."""
-        if not self.compiles or self.late():
+        """A process that begins the compiled search, if there can be one."""
+        if self.late():
             return None
         loading, seed = self.loading, self.options.seed
         draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
@@ -315,7 +322,7 @@ class _Searches:
     def _beside(
         self, process: SearchProcess, quickly: Iterator[tuple[Best | None, int]]
     ) -> Iterator[tuple[Best | None, int]]:
-        self.ready = False
+        self.ready = not self.many
         while not self.late():
             yield from islice(quickly, 1)
             while process.ready and not self.late():
