@@ -10,6 +10,7 @@ values, in two directions, with blocks that are shorter than they could be; the 
 import math
 from collections.abc import Callable, Iterator
 from itertools import count
+from time import perf_counter
 
 import numpy as np
 
@@ -28,6 +29,7 @@ DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
 PRICED = 0.2  # noise on what the types of bins cost, from the second pass on
 LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
 STRICT = (0.25, 0.5, 1.0, 2.0)  # what the volume that a block spoils counts in a draw
+COVERING = 0.2  # share of the time left that this may take
 COVER = 8  # passes after which bins of all of them are put together
 
 Stop = Callable[[], bool]
@@ -41,13 +43,16 @@ def fill_in_numpy(several: bool, blocks: int, goods: Goods, stop: Stop = lambda:
     return now
 
 
-def search_values(loading: Loading, seed: int, stop: Stop) -> Iterator[tuple[Best | None, int]]:
+def search_values(
+    loading: Loading, seed: int, stop: Stop, end: float = math.inf
+) -> Iterator[tuple[Best | None, int]]:
     """(a packing that is better than those before or None, packings tried), pass by pass.
 
     Args:
         loading: what is packed, one that `has_values`.
         seed: of the draws.
         stop: asked all the time; the pass that it cuts off is lost.
+        end: of the time, by `perf_counter`.
     """
     kinds, random = kinds_of(loading), np.random.default_rng([seed, 2])
     price = loading.stock.price[kinds.bins].astype(float)
@@ -63,7 +68,9 @@ def search_values(loading: Loading, seed: int, stop: Stop) -> Iterator[tuple[Bes
         plans = [bins] if best_subset or not left.any() else []
         if number % COVER == 0 and len(pool) > covered and not best_subset:
             covered = len(pool)
-            plans += filter(None, [cover(kinds, [*pool.values()])])
+            plans += filter(
+                None, [cover(kinds, [*pool.values()], COVERING * (end - perf_counter()))]
+            )
         best = None
         for bins_of_plan in plans:
             cost = sum(one.times * price[one.kind] for one in bins_of_plan)

@@ -4,6 +4,7 @@ Out of all bins that were ever filled an integer program (HiGHS, in SciPy) takes
 hold everything. What is then there twice is taken out from the top.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -15,6 +16,7 @@ from jaxpack.search.local_search import Best
 from jaxpack.search.quick import cost_of
 
 NODES = 200  # of the branch and bound of the cover
+REMEMBERED = 256  # sums of edges, for that many choices of kinds
 FINE = 4096  # lengths that sums of edges are known for; longer sides are rounded
 
 
@@ -52,6 +54,8 @@ class Kinds:
         """Longest sums of edges of the kinds of which some are left: int32 [3, L]."""
         key = (left > 0).tobytes()
         if key not in self.known:
+            if len(self.known) >= REMEMBERED:
+                self.known.clear()
             ways = self.side.shape[1] // len(left)
             some = np.repeat(left > 0, ways)
             most = int(self.loading.stock.bins[self.bins].max()) // self.unit
@@ -158,8 +162,10 @@ def _without_surplus(
     return stays
 
 
-def cover(kinds: Kinds, pool: list[Filled]) -> list[Filled] | None:
-    """The cheapest bins out of a pool that hold everything, perhaps some of it twice."""
+def cover(kinds: Kinds, pool: list[Filled], seconds: float = math.inf) -> list[Filled] | None:
+    """The cheapest bins out of a pool that hold everything, perhaps some of it twice; None where
+    none were found in the time.
+    """
     from scipy.optimize import Bounds, LinearConstraint, milp  # a third of a second
     from scipy.sparse import csr_array
 
@@ -177,7 +183,7 @@ def cover(kinds: Kinds, pool: list[Filled]) -> list[Filled] | None:
         integrality=np.ones(len(pool)),
         constraints=rows,
         bounds=Bounds(0, np.inf),
-        options={"node_limit": NODES},
+        options={"node_limit": NODES, "time_limit": seconds},
     )
     if found.x is None:
         return None

@@ -255,7 +255,8 @@ class _Searches:
     ) -> Iterator[tuple[Best | None, int]]:
         """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
         loading, seed = self.loading, self.options.seed
-        by_value = search_values(loading, seed, stop) if has_values(loading) else None
+        fills = has_values(loading)
+        by_value = search_values(loading, seed, stop, self.end) if fills else None
         annealing = (
             (found, int(found is not None))
             for found in search_quickly(loading, seed, best, stop, sorts)
