@@ -6,7 +6,6 @@ padded to one shape and packed by one program on one core.
 """
 
 import argparse
-import csv
 import sys
 from functools import partial
 from pathlib import Path
@@ -24,35 +23,15 @@ from jaxpack.model.encoding import (
     padded,
     padded_genes,
 )
-from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.job import ORIENTATIONS
 from jaxpack.packing.top_faces import SHORT, TopFaces
 from jaxpack.search.packer import Decoding, pack_jobs
 from jaxpack.search.quick import pack_quickly
 
 sys.path.append(str(Path(__file__).parents[1] / "experiments"))
-from public_instances import FOLDER, IVANCIC, data_file, read_ivancic
+from public_instances import FOLDER, IVANCIC, data_file, read_bookshop, read_ivancic
 
-ORDERS, CARTONS = "bookshop_orders.csv", "bookshop_cartons.csv"
 IN_NUMPY = 100  # packings, by which the surface in NumPy is timed
-
-
-def bookshop(folder: Path) -> list[Job]:
-    def rows(name: str) -> list[dict[str, str]]:
-        with data_file(folder, name).open(newline="") as file:
-            return list(csv.DictReader(file))
-
-    def sides(row: dict[str, str]) -> tuple[float, float, float]:
-        return float(row["X"]), float(row["Y"]), float(row["Z"])
-
-    cartons = tuple(
-        BinType(sides(row), cost=1.0, max_weight=float(row["MAXIMUM_WEIGHT"]))
-        for row in rows(CARTONS)
-    )
-    orders: dict[str, list[ItemType]] = {}
-    for row in rows(ORDERS):
-        item = ItemType(sides(row), int(row["COPIES"]), float(row["WEIGHT"]), tuple(ORIENTATIONS))
-        orders.setdefault(row["ORDER"], []).append(item)
-    return [Job(tuple(items), cartons, name=name) for name, items in orders.items()]
 
 
 def turned_alike(stock: Stock, ways: int = len(ORIENTATIONS)) -> Stock:
@@ -70,7 +49,7 @@ def main(repeats: int = 5) -> None:
     folder = parser.parse_known_args()[0].data
     sets = {
         "Ivancic": (read_ivancic(data_file(folder, IVANCIC)), 4),
-        "bookshop": (bookshop(folder), 1),
+        "bookshop": (read_bookshop(folder), 1),
     }
     rows = []
     for name, (jobs, lanes) in sets.items():

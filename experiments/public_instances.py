@@ -1,10 +1,11 @@
 """Reads public benchmark instances from files of others; docs/data.md says where to get them.
 
 2D: the 500 instances of Berkey and Wang (1987) and Martello and Vigo (1998). 3D: the 47 of
-Ivancic, Mathur and Mohanty (1989), and five orders of BED-BPP.
+Ivancic, Mathur and Mohanty (1989), five orders of BED-BPP, and 2,144 mail orders of a bookshop.
 """
 
 import argparse
+import csv
 import json
 from pathlib import Path
 
@@ -16,6 +17,7 @@ FOLDER = Path(__file__).parents[2] / "shared" / "data"
 BERKEY_WANG = "2bp_berkey_wang_martello_vigo.json"
 IVANCIC = "3bp_ivancic_thpack9.json"
 BED_BPP = "bed_bpp_5_orders.json"
+BOOKSHOP = "bookshop_orders.csv", "bookshop_cartons.csv"
 MPV_BOUNDS = "3bp_mpv_lower_bounds.csv"
 
 
@@ -61,3 +63,25 @@ def read_ivancic(path: str | Path) -> list[Job]:
             items.append(ItemType(size, copies=row["COPIES"], orientations=allowed))
         jobs.append(Job(tuple(items), (BinType(tuple(instance["bin"])),), name=instance["name"]))
     return jobs
+
+
+def read_bookshop(folder: Path) -> list[Job]:
+    """The mail orders, turned in all ways, with their cartons, all at the same price."""
+
+    def rows(name: str) -> list[dict[str, str]]:
+        with data_file(folder, name).open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    def sides(row: dict[str, str]) -> tuple[float, float, float]:
+        return float(row["X"]), float(row["Y"]), float(row["Z"])
+
+    of_orders, of_cartons = BOOKSHOP
+    cartons = tuple(
+        BinType(sides(row), cost=1.0, max_weight=float(row["MAXIMUM_WEIGHT"]))
+        for row in rows(of_cartons)
+    )
+    orders: dict[str, list[ItemType]] = {}
+    for row in rows(of_orders):
+        item = ItemType(sides(row), int(row["COPIES"]), float(row["WEIGHT"]), tuple(ORIENTATIONS))
+        orders.setdefault(row["ORDER"], []).append(item)
+    return [Job(tuple(items), cartons, name=f"order {name}") for name, items in orders.items()]

@@ -1,7 +1,7 @@
 """Public instances through the solver, each with so many seconds.
 
-python experiments/solve_public.py 2bp|mpv|ivancic [--support 0.5] [--inclusive] [--seconds 10]
-    [--only TEXT] [--data FOLDER]
+python experiments/solve_public.py 2bp|mpv|ivancic|bookshop [--support 0.5] [--inclusive]
+    [--seconds 10] [--only TEXT] [--data FOLDER]
 
 Adds a row per instance to results/solve-SET-support-S.csv; instances that have one are left out,
 so that it goes on where it was stopped. Every plan has passed the check.
@@ -17,6 +17,7 @@ from public_instances import (
     add_data_option,
     data_file,
     read_2bp,
+    read_bookshop,
     read_ivancic,
 )
 from rows import RESULTS, read_rows, write_rows
@@ -37,6 +38,8 @@ def instances(name: str, data: Path) -> list[tuple[dict, Job]]:
         ]
     if name == "ivancic":
         return [({}, job) for job in read_ivancic(data_file(data, IVANCIC))]
+    if name == "bookshop":
+        return [({}, job) for job in read_bookshop(data)]
     return [
         ({"cls": cls, "n": n}, mpv(cls, n, number))
         for cls in MPV_CLASSES
@@ -52,7 +55,7 @@ def compiled(row: dict) -> bool:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("set", choices=("2bp", "mpv", "ivancic"))
+    parser.add_argument("set", choices=("2bp", "mpv", "ivancic", "bookshop"))
     add_data_option(parser)
     parser.add_argument("--support", type=float, default=0.5)
     parser.add_argument("--inclusive", action="store_true", help="exactly that share is enough")
