@@ -20,9 +20,10 @@ from jaxpack.io.atomic import replace_file
 from jaxpack.io.runs import read_policy
 from jaxpack.io.sweeps import open_sweep
 from jaxpack.learning.presets import preset
-from jaxpack.learning.recipe import OBJECTIVES, Policy, TrainConfig
+from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Cell, Source
+from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Problem
 from jaxpack.orders import order_instances
 from jaxpack.packing.rules import rule_named
@@ -151,8 +152,7 @@ def sweep_options(
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
-    if options.objective not in OBJECTIVES:
-        raise UserError(f"--objective '{options.objective}': choose bins or paper")
+    grid_costs("--objective", options.objective)
     names = [name.strip() for name in options.methods.split(",") if name.strip()]
     if not names:
         raise UserError("--methods names none: give some, such as random,height")

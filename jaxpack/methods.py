@@ -12,7 +12,8 @@ from jax import Array
 from jaxpack.errors import UserError
 from jaxpack.io.weights import load_policy
 from jaxpack.learning.networks import NETWORKS
-from jaxpack.learning.recipe import OBJECTIVES, Policy
+from jaxpack.learning.recipe import Policy
+from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.search.breeding import BrkgaConfig
@@ -90,7 +91,7 @@ def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
     }
     if pattern in learned and pattern.endswith("-N") == (count > 0):
         return _learned(*learned[pattern], count, problem, options)
-    objective = OBJECTIVES[options.objective]
+    objective = grid_costs()[options.objective]
     if pattern == "best-of-N" and count:
         return _best_of(problem, jax.vmap(random_order), count, objective)
     if name == "random":
@@ -112,7 +113,7 @@ def _learned(
     network: str, how: str, count: int, problem: Problem, options: MethodOptions
 ) -> Method:
     """What the policy decides, or a search among it: `how` is one of `Network.searches`."""
-    policy, objective = _policy(network, problem, options), OBJECTIVES[options.objective]
+    policy, objective = _policy(network, problem, options), grid_costs()[options.objective]
     greedy, draw = _policy_orders(problem, policy, options)
     if how == "best-of-N":
         return _best_of(problem, draw, count, objective)
@@ -196,7 +197,7 @@ def _brkga(problem: Problem, options: MethodOptions) -> Search:
     def sorts(keys: Array, instances: Instance) -> Array:
         return jnp.stack([jax.vmap(sort)(instances) for sort in SORTS.values()], 1)
 
-    objective = OBJECTIVES[options.objective]
+    objective = grid_costs()[options.objective]
     return genetic(problem, options.brkga, objective, sorts if options.brkga_seeded else None)
 
 

@@ -192,10 +192,8 @@ def solve(
     """
     notes: list[str] = []
     job = _job(items, bins, ignore, objective, notes.append)
-    options = SolveOptions(
-        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings, rule=rule
-    )
-    options = checked_options(options, job)
+    how = time_limit, seed, support, inclusive, resolution, skip_unfit
+    options = checked_options(SolveOptions(*how, packings=packings, rule=rule), job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
     return replace(solution(job, solve_job(job, options, progress=progress)), notes=tuple(notes))

@@ -8,15 +8,11 @@ from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.networks import Network
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig
-from jaxpack.model import objectives
 from jaxpack.model.instances import Cell, Source
+from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Instance, Packing, Problem
 
-OBJECTIVES = {n: one.on_grid for n, one in objectives.OBJECTIVES.items() if one.on_grid}
-CHOICES: dict[str, tuple[str, ...]] = {
-    "objective": tuple(OBJECTIVES),
-    "schedule": ("constant", "cosine"),
-}
+SCHEDULES = ("constant", "cosine")
 
 LEARNERS = {
     "critic": "REINFORCE, what an order costs compared with what the critic expects",
@@ -69,9 +65,9 @@ class TrainConfig:
         for name in ("entropy", "clip"):
             if not getattr(self, name) >= 0:
                 raise UserError(f"{name} {getattr(self, name)}: give 0 or more")
-        for name, known in CHOICES.items():
-            if getattr(self, name) not in known:
-                raise UserError(f"{name} '{getattr(self, name)}': choose {' or '.join(known)}")
+        grid_costs("objective", self.objective)
+        if self.schedule not in SCHEDULES:
+            raise UserError(f"schedule '{self.schedule}': choose {' or '.join(SCHEDULES)}")
         if self.learner not in (known := self.policy.learners(self.objective)):
             raise UserError(
                 f"learner '{self.learner}': choose {' or '.join(known)}, those that the "
@@ -112,7 +108,7 @@ class TrainConfig:
 
     def cost(self, instance: Instance, packing: Packing) -> Array:
         """What the training minimises, of one packing: float32 scalar."""
-        return OBJECTIVES[self.objective](instance, packing, self.alpha, self.beta)
+        return grid_costs()[self.objective](instance, packing, self.alpha, self.beta)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ Since every draw is packed to the end and judged, the best whole packing is ther
 After the last bin the next pass begins with empty bins.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -69,56 +70,67 @@ def bin_by_bin(
             best=best,
         )
 
-    def advance(instances: Instance, state: Beams) -> Beams:
-        batch, items = instances.mask.shape
-        children = width * draws
+    advance = partial(_next_bin, problem, draw, objective, width, draws)
+    return Search(start, advance, lambda state: state.best)
 
-        def repeat(leaf: Array) -> Array:
-            return jnp.repeat(leaf, children, 0)
 
-        def of_beams(orders: Any) -> Any:
-            return jax.tree.map(
-                lambda leaf: jnp.repeat(leaf.reshape(batch * width, items), draws, 0), orders
-            )
+def _next_bin(
+    problem: Problem,
+    draw: Draw,
+    objective: Objective,
+    width: int,
+    draws: int,
+    instances: Instance,
+    state: Beams,
+) -> Beams:
+    """One more bin of every beam is filled."""
+    batch, items = instances.mask.shape
+    children = width * draws
 
-        def split(key: Array) -> Array:
-            return jax.random.split(jax.random.fold_in(key, state.round), children)
+    def repeat(leaf: Array) -> Array:
+        return jnp.repeat(leaf, children, 0)
 
-        repeated, filled = jax.tree.map(repeat, (instances, state.filled))
-        left = repeated.mask & (of_beams(state.bin) >= filled[:, None])
-        drawn = draw(jax.vmap(split)(state.key).reshape(-1), repeated._replace(mask=left))
-        orders = jax.vmap(_put_last)(of_beams(state.order), drawn, left)
-        packings = pack_orders(problem, repeated, orders)
-        costs = jax.vmap(objective)(repeated, packings)
-        counted = jnp.arange(items) <= filled[:, None]
-        held = jnp.where(counted, packings.volume, 0).sum(1)
-        costs, held = costs.reshape(batch, children), held.reshape(batch, children)
-        # Most volume in the first bins; the cost of the whole decides between equals.
-        rank = jnp.lexsort((costs, -held))
-        member = jnp.arange(batch)[:, None]
-
-        def pick(orders: Any, which: Array) -> Any:
-            return jax.tree.map(
-                lambda leaf: leaf.reshape(batch, children, items)[member, which], orders
-            )
-
-        cheapest = jnp.argmin(costs, 1)[:, None]
-        found = jax.tree.map(lambda leaf: leaf[:, 0], pick(orders, cheapest))
-        best_cost, best = better(costs[member, cheapest][:, 0], found, state.best_cost, state.best)
-        order, bin = pick(orders, rank[:, :width]), pick(packings.bin, rank[:, :width])
-        # With one bin left to fill the pass is over: that bin was drawn already.
-        over = state.filled + 2 >= bin.max((1, 2)) + 1
-        return Beams(
-            key=state.key,
-            round=state.round + 1,
-            filled=jnp.where(over, 0, state.filled + 1),
-            order=order,
-            bin=bin,
-            best_cost=best_cost,
-            best=best,
+    def of_beams(orders: Any) -> Any:
+        return jax.tree.map(
+            lambda leaf: jnp.repeat(leaf.reshape(batch * width, items), draws, 0), orders
         )
 
-    return Search(start, advance, lambda state: state.best)
+    def split(key: Array) -> Array:
+        return jax.random.split(jax.random.fold_in(key, state.round), children)
+
+    repeated, filled = jax.tree.map(repeat, (instances, state.filled))
+    left = repeated.mask & (of_beams(state.bin) >= filled[:, None])
+    drawn = draw(jax.vmap(split)(state.key).reshape(-1), repeated._replace(mask=left))
+    orders = jax.vmap(_put_last)(of_beams(state.order), drawn, left)
+    packings = pack_orders(problem, repeated, orders)
+    costs = jax.vmap(objective)(repeated, packings)
+    counted = jnp.arange(items) <= filled[:, None]
+    held = jnp.where(counted, packings.volume, 0).sum(1)
+    costs, held = costs.reshape(batch, children), held.reshape(batch, children)
+    # Most volume in the first bins; the cost of the whole decides between equals.
+    rank = jnp.lexsort((costs, -held))
+    member = jnp.arange(batch)[:, None]
+
+    def pick(orders: Any, which: Array) -> Any:
+        return jax.tree.map(
+            lambda leaf: leaf.reshape(batch, children, items)[member, which], orders
+        )
+
+    cheapest = jnp.argmin(costs, 1)[:, None]
+    found = jax.tree.map(lambda leaf: leaf[:, 0], pick(orders, cheapest))
+    best_cost, best = better(costs[member, cheapest][:, 0], found, state.best_cost, state.best)
+    order, bin = pick(orders, rank[:, :width]), pick(packings.bin, rank[:, :width])
+    # With one bin left to fill the pass is over: that bin was drawn already.
+    over = state.filled + 2 >= bin.max((1, 2)) + 1
+    return Beams(
+        key=state.key,
+        round=state.round + 1,
+        filled=jnp.where(over, 0, state.filled + 1),
+        order=order,
+        bin=bin,
+        best_cost=best_cost,
+        best=best,
+    )
 
 
 def orders_found(state: Beams) -> Any:

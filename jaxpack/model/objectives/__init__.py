@@ -1,6 +1,7 @@
 """What can be wanted of a packing, in one table."""
 
 import math
+from collections.abc import Callable
 
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import Bounds
@@ -13,7 +14,17 @@ from jaxpack.model.objectives.paper import PAPER
 from jaxpack.model.objectives.price import PRICE
 from jaxpack.model.objectives.value import VALUE
 
-__all__ = ["OBJECTIVES", "Cost", "Objective", "Placed", "bounds", "gap", "named", "objective_of"]
+__all__ = [
+    "OBJECTIVES",
+    "Cost",
+    "Objective",
+    "Placed",
+    "bounds",
+    "gap",
+    "grid_costs",
+    "named",
+    "objective_of",
+]
 
 OBJECTIVES: dict[str, Objective] = {
     "bins": BINS,
@@ -35,6 +46,22 @@ def named(name: str) -> Objective:
     if name not in known:
         raise UserError(f"objective {show(name)}: choose {', '.join(known[:-1])} or {known[-1]}")
     return OBJECTIVES[name]
+
+
+def grid_costs(called: str = "objective", chosen: str | None = None) -> dict[str, Callable]:
+    """Name -> cost of the objectives of instances, see `Objective.on_grid`.
+
+    Args:
+        called: what the UserError calls the name.
+        chosen: a name that has to be among them.
+
+    Raises:
+        UserError: where it is not.
+    """
+    costs = {name: one.on_grid for name, one in OBJECTIVES.items() if one.on_grid}
+    if chosen is not None and chosen not in costs:
+        raise UserError(f"{called} {show(chosen)}: choose {' or '.join(costs)}")
+    return costs
 
 
 def objective_of(job: Job) -> Objective:
