@@ -59,6 +59,7 @@ def found(loading, passes, seed=0):
         (Rules(0.0), {"ways": ("XYZ",)}),
         (Rules(0.7), {"dimension": 2, "copies": 9}),
         (Rules(0.0), {"dimension": 2, "kinds": 9}),
+        (Rules(0.0, True), {"kinds": 12, "ways": ("XYZ",)}),
     ],
 )
 def test_every_packing_is_a_plan_of_everything(rules, how):
@@ -75,6 +76,35 @@ def test_every_packing_is_a_plan_of_everything(rules, how):
         assert packings, "there are bins enough"
 
 
+def test_nothing_floats_though_nothing_has_to_be_carried():
+    rng = np.random.default_rng(0)
+    for seed in range(8):
+        sides = rng.integers(1, 8, (14, 3)).astype(float)
+        items = tuple(ItemType(tuple(side), int(rng.integers(1, 9))) for side in sides)
+        room = tuple(rng.integers(10, 30, 3).astype(float))
+        loading = load_job(Job(items, (BinType(room),)), Rules(0.0, True))
+        for best in found(loading, 4, seed):
+            check_plan(loading.job, plan(loading, best), 0.0, True)
+
+
+def test_the_longest_sides_that_there_may_be_are_packed():
+    items = (ItemType((4.0, 1.0, 2.0**30)), ItemType((3.0, 1.0, 5.0), 2))
+    loading = load_job(Job(items, (BinType((10.0, 1.0, 2.0**30)),), 2))
+    assert has_values(loading)
+    (best,) = found(loading, 2)
+    check_plan(loading.job, plan(loading, best))
+    assert set(best.bin.tolist()) == {0}
+
+
+def test_of_equal_values_the_one_in_fewer_bins_is_kept():
+    job = Job(
+        (ItemType((5.0, 5.0, 5.0), 8),), (BinType((10.0, 10.0, 5.0), 1.0, 3),), objective="value"
+    )
+    best = found(load_job(job), 3)[-1]
+    assert len(set(best.bin.tolist())) == 2
+    assert (best.bin >= 0).all()
+
+
 def test_the_same_seed_fills_the_same():
     loading = load_job(job_of(3, types=2))
     one, other = found(loading, 5, seed=7), found(loading, 5, seed=7)
@@ -84,21 +114,21 @@ def test_the_same_seed_fills_the_same():
         np.testing.assert_array_equal(mine.corner, theirs.corner)
 
 
-@pytest.mark.parametrize("several", [True, False])
-def test_compiled_it_is_the_same_to_the_bit(several):
-    loading = load_job(job_of(1, copies=6 if several else 1, kinds=5, types=2, weights=True))
+@pytest.mark.parametrize("copies", [6, 1])
+def test_compiled_it_is_the_same_to_the_bit(copies):
+    loading = load_job(job_of(1, copies=copies, kinds=5, types=2, weights=True))
     kinds, random = kinds_of(loading), np.random.default_rng(0)
     types = np.arange(2)
     goods, _ = bin_values._drawn(kinds, kinds.volume, kinds.count, types, random)
 
     @partial(jax.jit, static_argnums=0)
-    def fill(several, goods):
-        step = partial(filling.step, jnp, several, goods)
+    def fill(axes, goods):
+        step = partial(filling.step, jnp, axes, goods)
         return jax.lax.while_loop(filling.goes_on, step, filling.empty(jnp, goods, kinds.blocks))
 
-    ours = bin_values.fill_in_numpy(kinds.several, kinds.blocks, goods, lambda: False)
+    ours = bin_values.fill_in_numpy(kinds.axes, kinds.blocks, goods, lambda: False)
     assert ours.used.min() > 0
-    for mine, compiled in zip(ours, fill(kinds.several, goods), strict=True):
+    for mine, compiled in zip(ours, fill(kinds.axes, goods), strict=True):
         np.testing.assert_array_equal(mine, compiled)
 
 

@@ -66,6 +66,13 @@ def test_packings_give_the_same_plan_on_a_busy_machine(policy):
     assert other.plan != found.plan
 
 
+def test_a_budget_is_used_up_where_no_bin_is_filled_by_value():
+    job = Job(JOB.items, (BinType((10.0, 10.0, math.inf)),), objective="height")
+    number = 49 + 32 + 2 * 8 * 32 + 21
+    found, _ = counted(job, number, policy=False)
+    assert (found.end, found.packings) == (End.BUDGET, number)
+
+
 @pytest.mark.parametrize("number", [1, 5, 20])
 @pytest.mark.parametrize("objective", ["", "value", "height"])
 def test_packings_are_counted_without_compiling_too(number, objective, uncompiled):

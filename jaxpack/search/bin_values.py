@@ -16,30 +16,31 @@ import numpy as np
 
 from jaxpack.model.encoding import MOST_ITEMS, Loading
 from jaxpack.search import filling
-from jaxpack.search.filling import Filling, Goods
+from jaxpack.search.filling import Axes, Filling, Goods
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
 
 LARGER = 1.3  # exponent of the volume in the first values: large items are worth more than theirs
-PASSES = 32  # after which a lane begins anew
-NOISE = 0.1  # of the values of a lane, but for the first ones
+PASSES = 32  # after which the values begin anew
+NOISE = 0.1  # of these, but for the first ones
 DRAWN = 1.0  # of the values of a draw at most
 DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
 """Fillings of a bin of which the best is taken; fewer where there are many kinds."""
 PRICED = 0.2  # noise on what the types of bins cost, from the second pass on
 LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
-STRICT = (0.25, 0.5, 1.0, 2.0)  # what the volume that a block spoils counts in a draw
-COVERING = 0.2  # share of the time left that this may take
-COVER = 8  # passes after which bins of all of them are put together
+STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose from
+COVER, POOL = 8, 512  # passes after which bins of all of them are put together, and how many
+COVERING = 0.2  # share of the time left that the cover may take
+OF_PRICE = 1e-4  # what the price of the bins counts where a best subset is wanted
 
 Stop = Callable[[], bool]
 
 
-def fill_in_numpy(several: bool, blocks: int, goods: Goods, stop: Stop = lambda: False) -> Filling:
-    """Compiled by nobody."""
+def fill_in_numpy(axes: Axes, blocks: int, goods: Goods, stop: Stop) -> Filling:
+    """Takes steps until no space is awake or `stop` says so."""
     now = filling.empty(np, goods, blocks)
     while filling.goes_on(now) and not stop():
-        now = filling.step(np, several, goods, now)
+        now = filling.step(np, axes, goods, now)
     return now
 
 
@@ -57,26 +58,24 @@ def search_values(
     kinds, random = kinds_of(loading), np.random.default_rng([seed, 2])
     price = loading.stock.price[kinds.bins].astype(float)
     pool: dict[tuple[int, bytes], Filled] = {}
-    least, covered, value = math.inf, 0, _first_values(kinds, None)
+    least, value = math.inf, _first_values(kinds, None)
     best_subset = loading.objective.leaves_out
     for number in count(1):
         noise = PRICED * random.standard_normal(len(price)) * (number > 1)
         bins, left = _pass(kinds, value, price * np.exp(noise), random, stop)
         if stop():
             return
-        pool |= {(one.kind, one.held.tobytes()): one for one in bins}
-        plans = [bins] if best_subset or not left.any() else []
-        if number % COVER == 0 and len(pool) > covered and not best_subset:
-            covered = len(pool)
-            plans += filter(
-                None, [cover(kinds, [*pool.values()], COVERING * (end - perf_counter()))]
-            )
+        pool |= {(one.type, one.held.tobytes()): one for one in bins}
+        pool = dict([*pool.items()][-POOL:])
+        plans = [bins]
+        if number % COVER == 0 and not best_subset:
+            seconds = COVERING * (end - perf_counter())
+            if chosen := cover(kinds, [*pool.values()], seconds):
+                plans.append(chosen)
         best = None
-        for bins_of_plan in plans:
-            cost = sum(one.times * price[one.kind] for one in bins_of_plan)
-            if best_subset:
-                cost = -sum(one.times * (one.held @ value) for one in bins_of_plan)
-            if cost < least - 1e-9 and (packing := best_of(kinds, bins_of_plan)):
+        for plan in plans:
+            cost = _cost(kinds, plan)
+            if cost < least - 1e-9 and (packing := best_of(kinds, plan)):
                 best, least = packing, cost
         yield best, 1
         if number % PASSES == 0:
@@ -85,8 +84,21 @@ def search_values(
             value = _charged(kinds, value, bins, left)
 
 
+def _cost(kinds: Kinds, bins: list[Filled]) -> float:
+    """What fillings cost together: their price, and more than that for what is left out."""
+    stock = kinds.loading.stock
+    price = sum(float(stock.price[kinds.bins[one.type]]) * one.times for one in bins)
+    held = sum((one.times * one.held for one in bins), np.zeros(len(kinds.count), int))
+    if kinds.loading.objective.leaves_out:
+        return OF_PRICE * price - float(held @ stock.profit[kinds.first])
+    left = np.maximum(kinds.count - held, 0).sum() / kinds.count.sum()
+    return price + float(stock.penalty * (1 + left) if left else 0)
+
+
 def has_values(loading: Loading) -> bool:
-    """Whether bins can be filled by value: corners anywhere, whole areas of 32 bits."""
+    """Whether bins can be filled by value: the objective and the rule are of the kind, corners may
+    stand anywhere, areas have 32 bits, and there are not too many items.
+    """
     stock = loading.stock
     return (
         loading.objective.fills
@@ -98,7 +110,7 @@ def has_values(loading: Loading) -> bool:
 
 
 def _first_values(kinds: Kinds, random: np.random.Generator | None) -> np.ndarray:
-    """By volume, with noise if it is not the first time; or by what is wanted: float64 [K]."""
+    """By volume, with noise if `random` is given; by profit where a best subset is wanted: [K]."""
     if kinds.loading.objective.leaves_out:
         profit = kinds.loading.stock.profit[kinds.first].astype(float)
         return profit * (kinds.volume @ kinds.count) / max(profit @ kinds.count, 1e-300)
@@ -112,7 +124,7 @@ def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled], left: np.ndarr
     charged = np.zeros(len(value))
     for one in bins:
         filled = max(one.held @ kinds.volume, 1e-9)
-        charged += one.times * one.held * kinds.volume * (room[one.kind] / filled)
+        charged += one.times * one.held * kinds.volume * (room[one.type] / filled)
     new = charged / kinds.count
     value = np.where(new > 0, (value + new) / 2, value)
     return np.where(left > 0, 2 * value.max(), value)
@@ -122,12 +134,12 @@ def _pass(
     kinds: Kinds, value: np.ndarray, price: np.ndarray, random: np.random.Generator, stop: Stop
 ) -> tuple[list[Filled], np.ndarray]:
     """(bins, what is left, int [K]): one after the other, each by its value for its price [T]."""
-    there = np.array([(kinds.loading.bins == kinds.loading.bins[row]).sum() for row in kinds.bins])
+    there = kinds.there.copy()
     left, bins = kinds.count.copy(), list[Filled]()
     while left.any() and (there > 0).any():
         types = np.flatnonzero(there > 0)
         goods, swapped = _drawn(kinds, value, left, types, random)
-        done = fill_in_numpy(kinds.several, kinds.blocks, goods, stop)
+        done = fill_in_numpy(kinds.axes, kinds.blocks, goods, stop)
         if stop():
             break
         held = left[left > 0, None] - done.left  # [kinds that are left, lanes]
@@ -137,12 +149,12 @@ def _pass(
         if not held[:, lane].any():
             break
         one = _filled(kinds, done, lane, left > 0, held[:, lane], bool(swapped[lane]))
-        one = one._replace(kind=int(types[lane // (held.shape[1] // len(types))]))
+        one = one._replace(type=int(types[lane // (held.shape[1] // len(types))]))
         some = one.held > 0
-        times = int(min((left[some] // one.held[some]).min(), there[one.kind]))
+        times = int(min((left[some] // one.held[some]).min(), there[one.type]))
         bins.append(one._replace(times=times))
         left = left - times * one.held
-        there[one.kind] -= times
+        there[one.type] -= times
     return bins, left
 
 
@@ -159,7 +171,8 @@ def _drawn(
     ways = kinds.side.shape[1] // len(left)
     some, rows = left > 0, np.repeat(left > 0, ways)
     K, R = int(some.sum()), int(rows.sum())
-    T, Z = len(types), max(FEWEST, min(DRAWS, AT_ONCE // (R * len(types))))
+    T = len(types)
+    Z = max(2, FEWEST // T, min(DRAWS, AT_ONCE // (R * T)))
     draw, P = np.tile(np.arange(Z), T), T * Z
     swapped = (draw % 2 == 1) & (not kinds.loading.flat)
 

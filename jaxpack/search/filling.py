@@ -1,14 +1,15 @@
-"""Fills one bin of every lane with blocks, so that the value of what is in it is great.
+"""Fills one bin of every lane with blocks, to make the value of its contents large.
 
 A lane takes the lowest of its free spaces, of these the one nearest to a corner of the bin, and
 puts the block there that is worth most: its items' value, less the volume that it spoils because no
 sum of items' edges fills what is left beside it. The spaces are the maximal free boxes (Lai and
-Chan, 1997). A block is a grid of items of one kind that are turned alike; all that is carried at
-its corner of a space is a rectangle of tops of one height, over whose edge the last row may stick
-out as far as its items' share of support allows. Where that has no room for any item the space
-sleeps until another top comes up beside it.
+Chan, 1997). A block is a grid of items of one kind that are turned alike. It may stand only where
+its corner of the space is carried: on the largest rectangle of tops of one height there, beyond
+which its last row may stick out as far as the support allows. A space in which nothing can stand
+sleeps until another top comes up at its height.
 
-The same functions run in NumPy, at once, and in JAX, compiled. Every array has the lanes last.
+Every array has the lanes last; M are blocks and S spaces of a bin, K kinds, R kinds in their
+orientations. The functions take NumPy's or JAX's arrays, and give the same to the bit.
 """
 
 from typing import Any, NamedTuple
@@ -16,27 +17,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 SPACES, BLOCKS = 24, 96
-"""Free boxes that are remembered, and blocks that a bin may hold at most."""
+"""Most free boxes that are remembered, and most blocks in a bin."""
 CUT, TOPS = 4, 4
 """Free boxes that a block is cut out of, and tops beside each other that are seen."""
-FAR = 2**30  # units, more than any side
-AXES = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
-"""The orders in which a block grows along the axes, where copies run short."""
+FAR = 2**31 - 1  # units, more than any side
+Axes = tuple[tuple[int, ...], ...]
 
 
 class Goods(NamedTuple):
     """What may come into the bins. R rows are K kinds, each in O orientations."""
 
     side: Any  # int32 [3, R, P], units; FAR for an orientation that there is not
-    needed: Any  # int32 [R, P], area of an item's base that must be carried
+    needed: Any  # int32 [R, P], area of an item's base that must be carried, 1 or more
     value: Any  # float32 [K, P], of an item, in units of volume
     weight: Any  # int32 [K, P]
-    count: Any  # int32 [K, P], copies that are left
+    count: Any  # int32 [K, P], copies that may come in
     room: Any  # int32 [3, P], units, of the bin
     limit: Any  # int32 [P], of weight
-    sums: Any  # int32 [3 L], longest sum of edges up to each length; see `longest_sums`
+    sums: Any  # int32 [3 L], by length in its unit: the longest sum of edges that is not longer
     first: Any  # int32 [3, P], where in it an axis begins
-    unit: Any  # int32[], units, of which lengths in it are multiples
+    unit: Any  # int32[], units, of the lengths in `sums`
     less: Any  # int32 [3, R, P], items that a block is shorter by than it could be
     strict: Any  # float32 [P], what spoiled volume counts
 
@@ -45,7 +45,7 @@ class Filling(NamedTuple):
     """Bins that are being filled."""
 
     low: Any  # int32 [3, S, P], near corners of the free spaces
-    high: Any  # int32 [3, S, P]; not beyond the near corner where there is none
+    high: Any  # int32 [3, S, P]; equal to `low` where there is none
     awake: Any  # bool [S, P]
     near: Any  # int32 [3, M, P], of the blocks, in their order
     far: Any  # int32 [3, M, P]
@@ -63,7 +63,7 @@ class Space(NamedTuple):
     there: Any  # bool [P]
     low: Any  # int32 [3, P]
     high: Any
-    turned: Any  # bool [2, P], whether blocks stand at its far end along x and y
+    turned: Any  # bool [2, P], whether its corner is the far one along x and along y
     carried: Any  # int32 [2, P], sides of the rectangle at that corner that carries
 
 
@@ -78,7 +78,7 @@ class Block(NamedTuple):
 
 
 def empty(xp: Any, goods: Goods, blocks: int) -> Filling:
-    """No block of so many that there is room for, one space."""
+    """Empty bins with room for so many blocks: one space, no block."""
     P = goods.room.shape[1]
     first = (xp.arange(SPACES) == 0)[:, None]
     nothing = xp.zeros((3, blocks, P), np.int32)
@@ -97,19 +97,19 @@ def empty(xp: Any, goods: Goods, blocks: int) -> Filling:
 
 
 def goes_on(now: Filling) -> Any:
-    """Whether any space is awake that is one: bool[]."""
+    """Whether any lane has a space that is awake: bool[]."""
     return (now.awake & (now.high > now.low).all(0)).any()
 
 
-def step(xp: Any, several: bool, goods: Goods, now: Filling) -> Filling:
-    """One block more in every lane, or its space sleeps.
+def step(xp: Any, axes: Axes, goods: Goods, now: Filling) -> Filling:
+    """Puts one block into every lane, or puts its space to sleep.
 
     Args:
         xp: `numpy` or `jax.numpy`.
-        several: whether there are kinds of more than one copy.
+        axes: orders in which a block grows along the axes, where copies run short; static.
     """
     space = _next_space(xp, goods, now)
-    block = _best_block(xp, several, goods, now, space)
+    block = _best_block(xp, axes, goods, now, space)
     asleep = (xp.arange(SPACES)[:, None] == space.which) & ~block.found
     low, high, awake = _without(xp, goods, now, block)
     here = (xp.arange(len(now.row))[:, None] == now.used) & block.found
@@ -146,11 +146,11 @@ def _next_space(xp: Any, goods: Goods, now: Filling) -> Space:
     which = xp.where(chosen, volume, np.float32(-1)).argmax(0)
     low, high = (_row(xp, corners, which) for corners in (now.low, now.high))
     turned = low[:2] > goods.room[:2] - high[:2]
-    carried = _carried(xp, goods, now, low, high, turned)
+    carried = _carried(xp, now, low, high, turned)
     return Space(which, there.any(0), low, high, turned, carried)
 
 
-def _carried(xp: Any, goods: Goods, now: Filling, low: Any, high: Any, turned: Any) -> Any:
+def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
     """The largest rectangle at the corner that is all tops, or the floor: int32 [2, P]."""
     sides = high[:2] - low[:2]
     beside = ((now.near[:2] < high[:2, None]) & (now.far[:2] > low[:2, None])).all(0)
@@ -173,11 +173,10 @@ def _carried(xp: Any, goods: Goods, now: Filling, low: Any, high: Any, turned: A
     best = area.argmax(0)
     found = xp.stack([_row(xp, end[0], best // TOPS), _row(xp, end[1], best % TOPS)])
     found = xp.where(area.max(0) > 0, found, 0)
-    free = (low[2] == 0) | (goods.needed.max(0) == 0)
-    return xp.where(free, sides, found)
+    return xp.where(low[2] == 0, sides, found)
 
 
-def _best_block(xp: Any, several: bool, goods: Goods, now: Filling, space: Space) -> Block:
+def _best_block(xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space) -> Block:
     K, R = len(goods.value), goods.side.shape[1]
     kind = np.arange(R) // (R // K)
     sides = space.high - space.low
@@ -197,9 +196,9 @@ def _best_block(xp: Any, several: bool, goods: Goods, now: Filling, space: Space
     number = xp.stack(along, 1)  # [3, 2, R, P]
     number = xp.where(number > 1, xp.maximum(number - goods.less[:, None], 1), number)
     grids = []
-    for axes in AXES if several else AXES[:1]:
+    for turns in axes:
         room, grid = copies[None], [None] * 3
-        for axis in axes:
+        for axis in turns:
             grid[axis] = xp.minimum(number[axis], room)
             room = room // xp.maximum(grid[axis], 1)
         grids.append(xp.stack(grid))

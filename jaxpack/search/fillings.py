@@ -1,4 +1,4 @@
-"""Filled bins, by kinds of items, and what they come to together: a packing, or a cheaper choice.
+"""Fillings of one bin each: how several of them are a packing, and which ones to choose.
 
 Out of all bins that were ever filled an integer program (HiGHS, in SciPy) takes the cheapest that
 hold everything. What is then there twice is taken out from the top.
@@ -6,16 +6,17 @@ hold everything. What is then there twice is taken out from the top.
 
 import math
 from dataclasses import dataclass, field
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, most_together
-from jaxpack.search.filling import BLOCKS, FAR, longest_sums
+from jaxpack.search.filling import BLOCKS, FAR, Axes, longest_sums
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import cost_of
 
-NODES = 200  # of the branch and bound of the cover
+NODES = 50  # of the branch and bound of the cover
 REMEMBERED = 256  # sums of edges, for that many choices of kinds
 FINE = 4096  # lengths that sums of edges are known for; longer sides are rounded
 
@@ -23,7 +24,7 @@ FINE = 4096  # lengths that sums of edges are known for; longer sides are rounde
 class Filled(NamedTuple):
     """A bin, as often as it is packed like this."""
 
-    kind: int  # index in Job.bins
+    type: int  # of the bin, an index in `Kinds.bins`
     held: np.ndarray  # int32 [K], copies of each kind in it
     row: np.ndarray  # int32 [m], of the blocks
     grid: np.ndarray  # int32 [3, m]
@@ -45,8 +46,9 @@ class Kinds:
     volume: np.ndarray  # float64 [K]
     bins: np.ndarray  # int [T], a row of the stock for each type of bins
     limit: np.ndarray  # int32 [T]
-    unit: int  # of the sums of edges
-    several: bool  # whether any has more than one copy
+    unit: int  # of the sums of edges, which are rounded down
+    axes: Axes  # see `filling.step`
+    there: np.ndarray  # int [T], bins of each type
     blocks: int  # that a bin may hold
     known: dict[bytes, np.ndarray] = field(default_factory=dict)  # sums
 
@@ -61,11 +63,9 @@ class Kinds:
             most = int(self.loading.stock.bins[self.bins].max()) // self.unit
             columns = []
             for axis in range(3):
-                edges, which = np.unique(
-                    -(-self.side[axis, some] // self.unit), return_inverse=True
-                )
+                edges, which = np.unique(self.side[axis, some] // self.unit, return_inverse=True)
                 copies = np.bincount(which.ravel(), np.repeat(self.count, ways)[some]).astype(int)
-                short = edges <= most
+                short = (edges > 0) & (edges <= most)
                 columns.append(longest_sums(edges[short], copies[short], most))
             self.known[key] = np.stack(columns) * np.int32(self.unit)
         return self.known[key]
@@ -83,17 +83,20 @@ def kinds_of(loading: Loading) -> Kinds:
     side = np.where(
         (np.arange(ways) < stock.ways[first][:, None])[..., None], stock.sizes[first], FAR
     ).reshape(-1, 3).T  # fmt: skip
-    _, bins = np.unique(loading.bins, return_index=True)
+    _, bins, types = np.unique(loading.bins, return_index=True, return_inverse=True)
+    # In 2D y is not in the way; where nothing has its like, no axis is.
+    axes = ((0, 1, 2), (2, 1, 0)) if loading.flat else tuple(permutations(range(3)))
+    axes = axes if copies.max() > 1 else axes[:1]
     limits = stock.limit[bins].astype(np.int64)
     bounded = limits[limits < np.iinfo(stock.limit.dtype).max]
-    unit = -(-int(bounded.max(initial=1)) // 2**28)
+    unit = -(-int(bounded.max(initial=1)) // 2**30)
     weight = -(-stock.weight[first].astype(np.int64) // unit)
-    limit = np.minimum(limits // unit, 2**29)
+    limit = np.minimum(limits // unit, 2**30)
     return Kinds(
         loading, rows.ravel(), first, copies.astype(np.int32), side.astype(np.int32),
-        stock.needed[first].reshape(-1).astype(np.int32), weight.astype(np.int32),
+        np.maximum(stock.needed[first], 1).reshape(-1).astype(np.int32), weight.astype(np.int32),
         stock.sizes[first, 0].astype(float).prod(1), bins, limit.astype(np.int32),
-        -(-int(stock.bins[bins].max()) // FINE), bool(copies.max() > 1),
+        -(-int(stock.bins[bins].max()) // FINE), axes, np.bincount(types),
         min(BLOCKS, most_together(stock)),
     )  # fmt: skip
 
@@ -116,8 +119,8 @@ def best_of(kinds: Kinds, bins: list[Filled]) -> Best | None:
         rows, places = _items(kinds, one)
         for _ in range(one.times):
             stays = _without_surplus(kinds, rows, places, surplus)
-            packed.append((next(slots[one.kind]), rows[stays], places[stays]))
-    if (surplus > 0).any():
+            packed.append((next(slots[one.type], -1), rows[stays], places[stays]))
+    if (surplus > 0).any() or any(slot < 0 for slot, *_ in packed):
         return None
     for slot, rows, places in packed:
         for row, place in zip(rows.tolist(), places, strict=True):
@@ -170,20 +173,20 @@ def cover(kinds: Kinds, pool: list[Filled], seconds: float = math.inf) -> list[F
     from scipy.sparse import csr_array
 
     held = csr_array(np.stack([one.held for one in pool], 1))
-    price = kinds.loading.stock.price[kinds.bins][[one.kind for one in pool]].astype(float)
+    price = kinds.loading.stock.price[kinds.bins][[one.type for one in pool]].astype(float)
     rows = [LinearConstraint(held, lb=kinds.count)]
     job = kinds.loading.job
     for kind, row in enumerate(kinds.bins):
         copies = job.bins[int(kinds.loading.bins[row])].copies
         if copies is not None:
-            mine = np.array([[one.kind == kind for one in pool]], float)
+            mine = np.array([[one.type == kind for one in pool]], float)
             rows.append(LinearConstraint(mine, ub=copies))
     found = milp(
         price,
         integrality=np.ones(len(pool)),
         constraints=rows,
         bounds=Bounds(0, np.inf),
-        options={"node_limit": NODES, "time_limit": seconds},
+        options={"node_limit": NODES, "time_limit": max(0, seconds)},
     )
     if found.x is None:
         return None

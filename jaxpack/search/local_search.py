@@ -3,8 +3,7 @@
 Every lane holds one order of the items, how each is turned, and in which sequence bins are
 opened; a round proposes one change per lane, packs it and keeps it if it is not worse by more
 than the temperature allows. Or the lanes are a population, and a round is a generation of the
-genetic algorithm (Goncalves and Resende, 2011). Everything a lane holds is an order, the decoder
-is the judge.
+genetic algorithm (Goncalves and Resende, 2011). Lanes hold decisions, the decoder judges them.
 
 All of this is NumPy: a round takes the packer far longer, and nothing here has to be compiled.
 """
@@ -26,7 +25,7 @@ Packer = Callable[[Genes], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 class Best(NamedTuple):
-    """A packing, and what makes it."""
+    """A packing, and genes that make it or one near it."""
 
     genes: Genes  # of one lane
     bin: np.ndarray  # int32 [N], index of `Stock.bins` by item, -1 for what is left out
@@ -130,7 +129,8 @@ def annealed(stock: Stock, lanes: Lanes, heat: float) -> Proposals:
     used = np.zeros((P, S), bool)
     packed, _ = np.nonzero(lanes.bin >= 0)
     used[packed, lanes.bin[lanes.bin >= 0]] = True
-    several = (stock.price.max() > stock.price.min()) | (stock.bins != stock.bins[0]).any()
+    there = stock.bins[:, 0] > 0  # or else padding
+    several = len(np.unique(np.column_stack([stock.price, stock.bins])[there], axis=0)) > 1
     first = (rest[2] * np.minimum(used.sum(1, keepdims=True) + 1, S)).astype(np.int32)
     second = (rest[3] * S).astype(np.int32)
     slot = np.arange(S)

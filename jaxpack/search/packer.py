@@ -1,7 +1,6 @@
 """First fit of many lanes side by side, compiled: NumPy's arrays in and out.
 
-Everything but the placing itself is done here, in NumPy: what is compiled is waited for, and this
-is the one program of a search.
+Only the placing is compiled, the one program of a search: compiling keeps the user waiting.
 """
 
 from dataclasses import dataclass, field

@@ -215,8 +215,8 @@ class _Searches:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
         kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
-        # Orders of items are hardly worth searching where most items have their like.
-        self.many = not has_values(loading) or 2 * kinds > len(loading.items)
+        # Where most items have their like, orders of items are not worth searching from the start.
+        self.orders_first = not has_values(loading) or 2 * kinds > len(loading.items)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
 
@@ -229,7 +229,7 @@ class _Searches:
             return
         quickly = self._quickly(best, self.late)
         # Most orders are done before anything starts.
-        start = perf_counter() + (0 if self.many else ALONE * (self.end - perf_counter()))
+        start = perf_counter() + (0 if self.orders_first else ALONE * (self.end - perf_counter()))
         for number, (found, tried) in enumerate(quickly, 1):
             best = better(best, found or best)
             yield found, tried
@@ -263,12 +263,12 @@ class _Searches:
         )
         if by_value:
             yield from islice(by_value, 1)
-        if self.many:
+        if self.orders_first:
             yield from islice(annealing, sorts)
         while not stop():
             if by_value:
                 yield from islice(by_value, 1)
-            if self.many and not self.compiled:
+            if self.orders_first and not self.compiled:
                 yield from islice(annealing, TURN)
             elif not by_value:
                 yield None, 0
@@ -278,7 +278,7 @@ class _Searches:
         search, and what is too little for that or left by it.
         """
         quickly = self._quickly(best, self.late, min(SORTS - 1, left))
-        compiled = self.many and compiles(self.loading) and left > UNCOMPILED
+        compiled = self.orders_first and compiles(self.loading) and left > UNCOMPILED
         for found, tried in islice(quickly, UNCOMPILED if compiled else left):
             best, left = better(best, found or best), left - tried
             yield found, tried
@@ -290,6 +290,7 @@ class _Searches:
                         yield found, tried
             finally:
                 give_back(process)
+        self.compiled = False
         yield from islice(quickly, left)
 
     def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
@@ -323,7 +324,7 @@ class _Searches:
     def _beside(
         self, process: SearchProcess, quickly: Iterator[tuple[Best | None, int]]
     ) -> Iterator[tuple[Best | None, int]]:
-        self.ready = not self.many
+        self.ready = not self.orders_first
         while not self.late():
             yield from islice(quickly, 1)
             while process.ready and not self.late():

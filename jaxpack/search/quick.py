@@ -1,7 +1,7 @@
 """Plans that are there before anything is compiled: first fit in NumPy, and a search over it.
 
-Without blocks the placements are those of `pack_exact` to the unit. What is left when the time
-is up stands in columns.
+Without blocks the placements are those of `packer.first_fit` to the unit. What is left when the
+time is up stands in columns.
 """
 
 import math
