@@ -1,5 +1,6 @@
 """Bins filled by value: what comes out is a plan, and it is a good one."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import islice, product
 
@@ -103,6 +104,17 @@ def test_of_equal_values_the_one_in_fewer_bins_is_kept():
     best = found(load_job(job), 3)[-1]
     assert len(set(best.bin.tolist())) == 2
     assert (best.bin >= 0).all()
+
+
+def test_what_cannot_be_filled_by_value_is_no_error():
+    """A weight of more digits than are kept, exactly at the limit."""
+    item, room = ItemType((2.0, 2.0, 2.0), 1, 999_999_999.9), BinType((5.0, 5.0, 5.0))
+    bins = tuple(replace(room, max_weight=limit) for limit in (item.weight, 0.1))
+    loading = load_job(Job((item,), bins))
+    tried = [*islice(search_values(loading, 0, lambda: False), 2 * bin_values.COVER)]
+    assert len(tried) == 2 * bin_values.COVER
+    solution = jaxpack.solve(loading.job, packings=30)
+    assert len(solution.plan.bins) == 1
 
 
 def test_the_same_seed_fills_the_same():

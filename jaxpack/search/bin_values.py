@@ -8,7 +8,7 @@ values, in two directions, with blocks that are shorter than they could be; the 
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 from time import perf_counter
 
@@ -19,6 +19,7 @@ from jaxpack.search import filling
 from jaxpack.search.filling import Axes, Filling, Goods
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
+from jaxpack.search.quick import Stop
 
 LARGER = 1.3  # exponent of the volume in the first values: large items are worth more than theirs
 PASSES = 32  # after which the values begin anew
@@ -32,8 +33,6 @@ STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose fr
 COVER, POOL = 8, 512  # passes after which bins of all of them are put together, and how many
 COVERING = 0.2  # share of the time left that the cover may take
 OF_PRICE = 1e-4  # what the price of the bins counts where a best subset is wanted
-
-Stop = Callable[[], bool]
 
 
 def fill_in_numpy(axes: Axes, blocks: int, goods: Goods, stop: Stop) -> Filling:
@@ -68,7 +67,7 @@ def search_values(
         pool |= {(one.type, one.held.tobytes()): one for one in bins}
         pool = dict([*pool.items()][-POOL:])
         plans = [bins]
-        if number % COVER == 0 and not best_subset:
+        if pool and number % COVER == 0 and not best_subset:
             seconds = COVERING * (end - perf_counter())
             if chosen := cover(kinds, [*pool.values()], seconds):
                 plans.append(chosen)

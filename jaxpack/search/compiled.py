@@ -1,7 +1,7 @@
 """The compiled search for a plan: lanes that breed and lanes that anneal, on every core.
 
 It takes seconds to compile the first time that a machine has a job of a size, and neither that
-nor a round can be stopped: `worker` runs it in a process of its own.
+nor a round can be stopped: `background` runs it in a process of its own.
 """
 
 from collections import deque

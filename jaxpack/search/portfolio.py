@@ -216,7 +216,8 @@ class _Searches:
         self.end, self.late = end, late
         kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
         # Where most items have their like, orders of items are not worth searching from the start.
-        self.orders_first = not has_values(loading) or 2 * kinds > len(loading.items)
+        self.fills = has_values(loading)
+        self.orders_first = not self.fills or 2 * kinds > len(loading.items)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
 
@@ -255,8 +256,7 @@ class _Searches:
     ) -> Iterator[tuple[Best | None, int]]:
         """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
         loading, seed = self.loading, self.options.seed
-        fills = has_values(loading)
-        by_value = search_values(loading, seed, stop, self.end) if fills else None
+        by_value = search_values(loading, seed, stop, self.end) if self.fills else None
         annealing = (
             (found, int(found is not None))
             for found in search_quickly(loading, seed, best, stop, sorts)
@@ -329,7 +329,7 @@ class _Searches:
             yield from islice(quickly, 1)
             while process.ready and not self.late():
                 yield from self._reply(process)
-            if self.compiled and not has_values(self.loading):
+            if self.compiled and not self.fills:
                 yield from self._reply(process)
             if not process.alive:  # it ran out of memory, or somebody ended it
                 self.compiled = False
