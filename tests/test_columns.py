@@ -196,7 +196,7 @@ class NAType:
         raise TypeError("boolean value of NA is ambiguous")
 
 
-EMPTY = [None, math.nan, "", " ", np.float32("nan"), NAType(), np.datetime64("NaT")]
+EMPTY = [None, math.nan, "", " ", np.float32("nan"), NAType(), np.datetime64("NaT", "D")]
 
 
 @pytest.mark.parametrize("empty", EMPTY)
