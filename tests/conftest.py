@@ -22,7 +22,8 @@ def pytest_configure(config):
         # XLA does all it does, LLVM does little: half the time for programs that run briefly.
         add_flag("--xla_backend_optimization_level=0")
         # What makes code of its fusions takes two thirds of what is left; the one before it is
-        # quick. The slow tests, and the quick ones of `.ci/run` on another Python, do without.
+        # quick. The slow tests do without, and so do releases that no longer know the flag
+        # (jaxlib 0.12): `.ci/run` has the quick ones run on those too.
         if config.option.markexpr != "slow":
             add_flag("--xla_cpu_use_fusion_emitters=false")
         add_flag("--xla_cpu_parallel_codegen_split_count=1")  # the cores have other tests to run
