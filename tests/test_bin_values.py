@@ -14,9 +14,10 @@ from jaxpack.model.encoding import Rules, load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search import bin_values, filling
+from jaxpack.search.beam import fill
 from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
-from jaxpack.search.fillings import best_of, cover, kinds_of
+from jaxpack.search.fillings import best_of, cover, kinds_of, longest_sums
 
 WAYS = tuple(ORIENTATIONS)
 UPRIGHT = ("XYZ", "YXZ")
@@ -134,14 +135,16 @@ def test_compiled_it_is_the_same_to_the_bit(copies):
     goods, _ = bin_values._drawn(kinds, kinds.volume, kinds.count, types, random)
 
     @partial(jax.jit, static_argnums=0)
-    def fill(axes, goods):
+    def compiled(axes, goods):
         step = partial(filling.step, jnp, axes, goods)
-        return jax.lax.while_loop(filling.goes_on, step, filling.empty(jnp, goods, kinds.blocks))
+        return jax.lax.while_loop(
+            lambda now: filling.goes_on(now).any(), step, filling.empty(jnp, goods, kinds.blocks)
+        )
 
-    ours = bin_values.fill_in_numpy(kinds.axes, kinds.blocks, goods, lambda: False)
+    ours = fill(kinds.axes, goods, filling.empty(np, goods, kinds.blocks), lambda: False)
     assert ours.used.min() > 0
-    for mine, compiled in zip(ours, fill(kinds.axes, goods), strict=True):
-        np.testing.assert_array_equal(mine, compiled)
+    for mine, theirs in zip(ours, compiled(kinds.axes, goods), strict=True):
+        np.testing.assert_array_equal(mine, theirs)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -153,7 +156,7 @@ def test_longest_sums_are_those_of_all_combinations(seed):
         sum(n * edge for n, edge in zip(ns, edges.tolist(), strict=True)) for ns in combinations
     }
     expected = [max(total for total in sums if total <= length) for length in range(31)]
-    assert filling.longest_sums(edges, copies, 30).tolist() == expected
+    assert longest_sums(edges, copies, 30).tolist() == expected
 
 
 def test_what_the_cover_has_too_much_is_taken_out_from_the_top():

@@ -8,79 +8,115 @@ values, in two directions, with blocks that are shorter than they could be; the 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from time import perf_counter
 
 import numpy as np
 
 from jaxpack.model.encoding import MOST_ITEMS, Loading
-from jaxpack.search import filling
-from jaxpack.search.filling import Axes, Filling, Goods
+from jaxpack.search.beam import fill, fill_by_beam
+from jaxpack.search.between_bins import Between, filled_bins
+from jaxpack.search.draws import by_volume, drawn, filled_lane
+from jaxpack.search.filling import Goods, empty
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import Stop
 
-LARGER = 1.3  # exponent of the volume in the first values: large items are worth more than theirs
 PASSES = 32  # after which the values begin anew
 NOISE = 0.1  # of these, but for the first ones
-DRAWN = 1.0  # of the values of a draw at most
 DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
 """Fillings of a bin of which the best is taken; fewer where there are many kinds."""
 PRICED = 0.2  # noise on what the types of bins cost, from the second pass on
-LESS = 0.4  # chance that a draw makes blocks of a kind shorter by one along an axis
-STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose from
+BEAMS = ((8, 4, 4), (16, 2, 3))
+"""(draws, width, children) of the beams, in turns, that look for a best subset after one pass."""
 COVER, POOL = 8, 512  # passes after which bins of all of them are put together, and how many
 COVERING = 0.2  # share of the time left that the cover may take
 OF_PRICE = 1e-4  # what the price of the bins counts where a best subset is wanted
 
 
-def fill_in_numpy(axes: Axes, blocks: int, goods: Goods, stop: Stop) -> Filling:
-    """Takes steps until no space is awake or `stop` says so."""
-    now = filling.empty(np, goods, blocks)
-    while filling.goes_on(now) and not stop():
-        now = filling.step(np, axes, goods, now)
-    return now
-
-
 def search_values(
-    loading: Loading, seed: int, stop: Stop, end: float = math.inf
+    loading: Loading,
+    seed: int,
+    stop: Stop,
+    end: float = math.inf,
+    known: Callable[[], Best | None] = lambda: None,
 ) -> Iterator[tuple[Best | None, int]]:
-    """(a packing that is better than those before or None, packings tried), pass by pass.
+    """(a packing that is better than those before or None, packings tried), pass by pass; where few
+    items have their like, with rounds between the bins of the best one after each.
 
     Args:
         loading: what is packed, one that `has_values`.
         seed: of the draws.
-        stop: asked all the time; the pass that it cuts off is lost.
+        stop: asked all the time; the pass that it cuts off is lost, if not of a best subset.
         end: of the time, by `perf_counter`.
+        known: the best packing of all searches, from which the rounds go on.
     """
     kinds, random = kinds_of(loading), np.random.default_rng([seed, 2])
     price = loading.stock.price[kinds.bins].astype(float)
-    pool: dict[tuple[int, bytes], Filled] = {}
-    least, value = math.inf, _first_values(kinds, None)
+    found, value = _Found(kinds), _first_values(kinds, None)
     best_subset = loading.objective.leaves_out
+    between = Between(kinds, np.random.default_rng([seed, 3]))
+    rounds = not best_subset and 2 * len(kinds.count) > kinds.count.sum()
     for number in count(1):
         noise = PRICED * random.standard_normal(len(price)) * (number > 1)
-        bins, left = _pass(kinds, value, price * np.exp(noise), random, stop)
-        if stop():
+        # Of a best subset there is only this bin, and all the time for it.
+        beam = BEAMS[number % len(BEAMS)] if best_subset and number > 1 else None
+        bins, left = _pass(kinds, value, price * np.exp(noise), random, stop, beam)
+        if stop() and not best_subset:
             return
-        pool |= {(one.type, one.held.tobytes()): one for one in bins}
-        pool = dict([*pool.items()][-POOL:])
-        plans = [bins]
-        if pool and number % COVER == 0 and not best_subset:
+        found.add(bins)
+        best = found.better(bins)
+        if found.pool and number % COVER == 0 and not best_subset:
             seconds = COVERING * (end - perf_counter())
-            if chosen := cover(kinds, [*pool.values()], seconds):
-                plans.append(chosen)
-        best = None
-        for plan in plans:
-            cost = _cost(kinds, plan)
-            if cost < least - 1e-9 and (packing := best_of(kinds, plan)):
-                best, least = packing, cost
+            if chosen := cover(kinds, [*found.pool.values()], seconds):
+                best = found.better(chosen) or best
         yield best, 1
+        for _ in range((len(bins) + 1) // 2 if rounds else 0):
+            found.look(known())
+            if between.price_of(between.bins) > found.least + 1e-9 or not between.bins:
+                between.begin(found.bins)
+            found.add(between.round(stop))
+            if stop():
+                return
+            yield found.better(between.bins), 1
         if number % PASSES == 0:
             value = _first_values(kinds, random)
         elif not best_subset:
             value = _charged(kinds, value, bins, left)
+
+
+class _Found:
+    """The last fillings that were made, and the packing that cost least."""
+
+    def __init__(self, kinds: Kinds) -> None:
+        self.kinds, self.least = kinds, math.inf
+        self.bins = list[Filled]()
+        self.pool: dict[tuple[int, bytes], Filled] = {}
+        self.seen: Best | None = None
+
+    def add(self, bins: list[Filled]) -> None:
+        """Into the pool."""
+        self.pool |= {(one.type, one.held.tobytes()): one for one in bins}
+        self.pool = dict([*self.pool.items()][-POOL:])
+
+    def better(self, bins: list[Filled]) -> Best | None:
+        """The packing that they are, if it is one and better than those before."""
+        cost = _cost(self.kinds, bins)
+        if cost > self.least - 1e-9 or not (packing := best_of(self.kinds, bins)):
+            return None
+        self.least, self.bins = cost, filled_bins(self.kinds, packing)  # without a surplus
+        return packing
+
+    def look(self, best: Best | None) -> None:
+        """At a packing of another search: is it better, its bins come into the pool."""
+        if best is None or best is self.seen:
+            return
+        self.seen = best
+        bins = filled_bins(self.kinds, best)
+        if (cost := _cost(self.kinds, bins)) < self.least - 1e-9:
+            self.least, self.bins = cost, bins
+            self.add(bins)
 
 
 def _cost(kinds: Kinds, bins: list[Filled]) -> float:
@@ -113,7 +149,7 @@ def _first_values(kinds: Kinds, random: np.random.Generator | None) -> np.ndarra
     if kinds.loading.objective.leaves_out:
         profit = kinds.loading.stock.profit[kinds.first].astype(float)
         return profit * (kinds.volume @ kinds.count) / max(profit @ kinds.count, 1e-300)
-    value = kinds.volume * (kinds.volume / kinds.volume.mean()) ** (LARGER - 1)
+    value = by_volume(kinds)
     return value if random is None else value * np.exp(NOISE * random.standard_normal(len(value)))
 
 
@@ -130,16 +166,24 @@ def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled], left: np.ndarr
 
 
 def _pass(
-    kinds: Kinds, value: np.ndarray, price: np.ndarray, random: np.random.Generator, stop: Stop
+    kinds: Kinds,
+    value: np.ndarray,
+    price: np.ndarray,
+    random: np.random.Generator,
+    stop: Stop,
+    beam: tuple[int, int, int] | None = None,
 ) -> tuple[list[Filled], np.ndarray]:
     """(bins, what is left, int [K]): one after the other, each by its value for its price [T]."""
     there = kinds.there.copy()
     left, bins = kinds.count.copy(), list[Filled]()
     while left.any() and (there > 0).any():
         types = np.flatnonzero(there > 0)
-        goods, swapped = _drawn(kinds, value, left, types, random)
-        done = fill_in_numpy(kinds.axes, kinds.blocks, goods, stop)
-        if stop():
+        goods, swapped = _drawn(kinds, value, left, types, random, beam[0] if beam else None)
+        if beam:
+            done = fill_by_beam(kinds.axes, kinds.blocks, goods, value[left > 0], *beam[1:], stop)
+        else:
+            done = fill(kinds.axes, goods, empty(np, goods, kinds.blocks), stop)
+        if stop() and not kinds.loading.objective.leaves_out:
             break
         held = left[left > 0, None] - done.left  # [kinds that are left, lanes]
         prices = np.repeat(price[types], held.shape[1] // len(types))
@@ -147,8 +191,8 @@ def _pass(
         lane = int(worth.argmax())
         if not held[:, lane].any():
             break
-        one = _filled(kinds, done, lane, left > 0, held[:, lane], bool(swapped[lane]))
-        one = one._replace(type=int(types[lane // (held.shape[1] // len(types))]))
+        type = int(types[lane // (held.shape[1] // len(types))])
+        one = filled_lane(kinds, done, lane, np.flatnonzero(left), type, bool(swapped[lane]))
         some = one.held > 0
         times = int(min((left[some] // one.held[some]).min(), there[one.type]))
         bins.append(one._replace(times=times))
@@ -163,55 +207,18 @@ def _drawn(
     left: np.ndarray,
     types: np.ndarray,
     random: np.random.Generator,
+    draws: int | None = None,
 ) -> tuple[Goods, np.ndarray]:
-    """What may come into a bin of every type, some draws of each: lanes [T Z]; and which of them
-    have x and y exchanged.
+    """What may come into a bin of every type, so many draws of each, or as many as are worth it:
+    lanes [T Z]; and which of them have x and y exchanged.
     """
-    ways = kinds.side.shape[1] // len(left)
-    some, rows = left > 0, np.repeat(left > 0, ways)
-    K, R = int(some.sum()), int(rows.sum())
+    which = np.flatnonzero(left > 0)
     T = len(types)
-    Z = max(2, FEWEST // T, min(DRAWS, AT_ONCE // (R * T)))
-    draw, P = np.tile(np.arange(Z), T), T * Z
-    swapped = (draw % 2 == 1) & (not kinds.loading.flat)
-
-    def alike(table: np.ndarray) -> np.ndarray:
-        return np.repeat(table[..., None], P, -1)
-
-    def turned(table: np.ndarray) -> np.ndarray:
-        return np.where(swapped, table[[1, 0, 2]], table)
-
+    few = max(2, FEWEST // T, min(DRAWS, AT_ONCE // (len(which) * kinds.ways * T)))
+    Z = draws or few
+    lanes = np.arange(T * Z)
     sums = kinds.sums(left)
-    noise = DRAWN * random.random(P) * random.standard_normal((K, P))
-    strict = random.choice(STRICT, P)
-    less = random.random((3, R, P)) < LESS
-    # The first two as they are, the next two with the largest blocks.
-    noise[:, draw < 2], strict[draw < 2], less[..., draw < 4] = 0, 1, False
-    goods = Goods(
-        side=turned(alike(kinds.side[:, rows])),
-        needed=alike(kinds.needed[rows]),
-        value=(value[some, None] * np.exp(noise)).astype(np.float32),
-        weight=alike(kinds.weight[some]),
-        count=alike(left[some]),
-        room=turned(np.repeat(kinds.loading.stock.bins[kinds.bins[types]].T, Z, 1)),
-        limit=np.repeat(kinds.limit[types], Z),
-        sums=sums.ravel(),
-        first=turned(alike(np.arange(3, dtype=np.int32) * np.int32(sums.shape[1]))),
-        unit=np.int32(kinds.unit),
-        less=less.astype(np.int32),
-        strict=strict.astype(np.float32),
-    )
-    return goods, swapped
-
-
-def _filled(
-    kinds: Kinds, done: Filling, lane: int, some: np.ndarray, held: np.ndarray, swapped: bool
-) -> Filled:
-    """What a lane has in its bin, by all kinds and rows; only `some` kinds were left."""
-    used, axes = int(done.used[lane]), [1, 0, 2] if swapped else [0, 1, 2]
-    ways = kinds.side.shape[1] // len(some)
-    row, grid, near = (leaf[..., :used, lane] for leaf in (done.row, done.grid, done.near))
-    every = np.zeros(len(some), np.int32)
-    every[some] = held
-    kind = np.flatnonzero(some)[row // ways]
-    return Filled(-1, every, kind * ways + row % ways, grid[axes], near[axes])
+    return drawn(
+        kinds, np.repeat(which[:, None], T * Z, 1), value[which, None], left[which, None],
+        np.repeat(types, Z), sums, 0 * lanes, lanes % Z, random,
+    )  # fmt: skip

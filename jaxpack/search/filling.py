@@ -16,10 +16,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-SPACES, BLOCKS = 24, 96
+SPACES, BLOCKS = 32, 96
 """Most free boxes that are remembered, and most blocks in a bin."""
-CUT, TOPS = 4, 4
+CUT, TOPS = 16, 4
 """Free boxes that a block is cut out of, and tops beside each other that are seen."""
+SHORTER = 15  # blocks, after which they are shorter by the same numbers again
 FAR = 2**31 - 1  # units, more than any side
 Axes = tuple[tuple[int, ...], ...]
 
@@ -37,7 +38,7 @@ class Goods(NamedTuple):
     sums: Any  # int32 [3 L], by length in its unit: the longest sum of edges that is not longer
     first: Any  # int32 [3, P], where in it an axis begins
     unit: Any  # int32[], units, of the lengths in `sums`
-    less: Any  # int32 [3, R, P], items that a block is shorter by than it could be
+    less: Any  # int32 [3, R, P], two bits a block: items that it is shorter by than it could be
     strict: Any  # float32 [P], what spoiled volume counts
 
 
@@ -97,19 +98,29 @@ def empty(xp: Any, goods: Goods, blocks: int) -> Filling:
 
 
 def goes_on(now: Filling) -> Any:
-    """Whether any lane has a space that is awake: bool[]."""
-    return (now.awake & (now.high > now.low).all(0)).any()
+    """Which lanes have a space that is awake: bool [P]."""
+    return (now.awake & (now.high > now.low).all(0)).any(0)
 
 
-def step(xp: Any, axes: Axes, goods: Goods, now: Filling) -> Filling:
+def some_lanes(of: Any, which: Any) -> Any:
+    """Some lanes of goods or of bins: an index or a mask."""
+    shared = ("sums", "unit") if isinstance(of, Goods) else ()
+    return of._replace(
+        **{name: getattr(of, name)[..., which] for name in of._fields if name not in shared}
+    )
+
+
+def step(xp: Any, axes: Axes, goods: Goods, now: Filling, nth: Any = None) -> Filling:
     """Puts one block into every lane, or puts its space to sleep.
 
     Args:
         xp: `numpy` or `jax.numpy`.
         axes: orders in which a block grows along the axes, where copies run short; static.
+        nth: int32 [P], how many better blocks are passed over, each of another kind or orientation;
+            none if not given.
     """
     space = _next_space(xp, goods, now)
-    block = _best_block(xp, axes, goods, now, space)
+    block = _best_block(xp, axes, goods, now, space, nth)
     asleep = (xp.arange(SPACES)[:, None] == space.which) & ~block.found
     low, high, awake = _without(xp, goods, now, block)
     here = (xp.arange(len(now.row))[:, None] == now.used) & block.found
@@ -176,25 +187,71 @@ def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
     return xp.where(low[2] == 0, sides, found)
 
 
-def _best_block(xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space) -> Block:
-    K, R = len(goods.value), goods.side.shape[1]
-    kind = np.arange(R) // (R // K)
-    sides = space.high - space.low
-    most = sides[:, None] // goods.side  # [3, R, P]
-    light = now.load // xp.maximum(goods.weight, 1)
-    copies = xp.where(goods.weight > 0, xp.minimum(now.left, light), now.left)[kind]  # [R, P]
+def _best_block(xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space, nth: Any) -> Block:
+    R, P = goods.side.shape[1:]
+    row, lane = _offered(xp, goods, now, space)
+    grid = _grids(xp, axes, goods, now, space, row, lane)
+    worth = _worth(xp, goods, space, row, lane, grid)
+    if xp is np:
+        every = np.full((len(worth), R, P), -np.inf, np.float32)
+        every[:, row, lane] = worth
+        worth = every
+    worth = worth.reshape(-1, R, P)
+    most = worth.max(0)
+    if nth is None:
+        row = most.argmax(0)
+    else:
+        row = _row(xp, xp.argsort(-most, 0, stable=True), xp.minimum(nth, R - 1))
+    turn = _row(xp, worth, row).argmax(0)
+    found = (_row(xp, most, row) > -np.inf) & (nth is None or nth < R)
+    row = row.astype(np.int32)
+    grid = _row(xp, _grids(xp, axes, goods, now, space, row, np.arange(P)), turn)
+    grid = xp.where(found, grid, 0)
+    extent = xp.where(found, grid * goods.side[:, row, np.arange(P)], 0)
+    near = xp.concatenate(
+        [xp.where(space.turned, space.high[:2] - extent[:2], space.low[:2]), space.low[2:]]
+    )
+    return Block(found, row, grid, near, near + extent)
+
+
+def _offered(xp: Any, goods: Goods, now: Filling, space: Space) -> tuple[Any, Any]:
+    """(row int [C], lane int [C]) of the items that a block may be of; of all where their number
+    must be known before.
+    """
+    R, P = goods.side.shape[1:]
+    if xp is not np:
+        return np.repeat(np.arange(R), P), np.tile(np.arange(P), R)
+    fits = (goods.side <= (space.high - space.low)[:, None]).all(0) & space.there
+    kind = np.arange(R) // (R // len(goods.value))
+    row, lane = np.nonzero(fits & (now.left > 0)[kind])  # a tenth
+    return row, lane
+
+
+def _grids(
+    xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space, row: Any, lane: Any
+) -> Any:
+    """How many items along each axis a block would have, grown in every way: int32 [3, 2 V, C]."""
+    kind = row // (goods.side.shape[1] // len(goods.value))
+    side, needed, weight = (
+        goods.side[:, row, lane],
+        goods.needed[row, lane],
+        goods.weight[kind, lane],
+    )
+    sides, carried = (space.high - space.low)[:, lane], space.carried[:, lane]
+    left = now.left[kind, lane]
+    light = now.load[lane] // xp.maximum(weight, 1)
+    copies = xp.where(weight > 0, xp.minimum(left, light), left)
+    most, inside = sides // side, carried // side[:2]
     along = []  # as far as the rectangle reaches, or over its edge along x or along y
     for axis in (0, 1):
-        inside = space.carried[:, None] // goods.side[:2]
-        least = -(-goods.needed // goods.side[1 - axis])
-        beyond = xp.where(
-            space.carried[axis] >= least, 1 + (space.carried[axis] - least) // goods.side[axis], 0
-        )
+        least = -(-needed // side[1 - axis])
+        beyond = xp.where(carried[axis] >= least, 1 + (carried[axis] - least) // side[axis], 0)
         reach = [inside[0], inside[1], most[2]]
         reach[axis] = xp.minimum(beyond, most[axis])
         along.append(xp.stack(reach))
-    number = xp.stack(along, 1)  # [3, 2, R, P]
-    number = xp.where(number > 1, xp.maximum(number - goods.less[:, None], 1), number)
+    number = xp.stack(along, 1)  # [3, 2, C]
+    less = goods.less[:, row, lane] >> (2 * (now.used % SHORTER))[lane] & 3
+    number = xp.where(number > 1, xp.maximum(number - less[:, None], 1), number)
     grids = []
     for turns in axes:
         room, grid = copies[None], [None] * 3
@@ -202,23 +259,25 @@ def _best_block(xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space) -
             grid[axis] = xp.minimum(number[axis], room)
             room = room // xp.maximum(grid[axis], 1)
         grids.append(xp.stack(grid))
-    grid = xp.stack(grids, 1).reshape(3, -1, R, sides.shape[1])  # [3, V, R, P]
-    extent = grid * xp.where(goods.side == FAR, 0, goods.side)[:, None]
-    gap = xp.maximum(sides[:, None, None] - extent, 0)
-    spoiled = (gap - goods.sums[goods.first[:, None, None] + gap // goods.unit]).astype(np.float32)
+    grid = xp.concatenate(grids, 1)
+    return xp.where((grid > 0).all(0) & space.there[lane], grid, 0)
+
+
+def _worth(xp: Any, goods: Goods, space: Space, row: Any, lane: Any, grid: Any) -> Any:
+    """What blocks are worth less what they spoil, minus infinity where there is none: float32
+    [V, C].
+    """
+    kind = row // (goods.side.shape[1] // len(goods.value))
+    extent = grid * goods.side[:, row, lane][:, None]
+    gap = (space.high - space.low)[:, lane][:, None] - extent
+    gap = xp.maximum(gap, 0)
+    first = goods.first[:, lane][:, None]
+    spoiled = (gap - goods.sums[first + gap // goods.unit]).astype(np.float32)
     real = extent.astype(np.float32)
     face = xp.stack([real[1] * real[2], real[0] * real[2], real[0] * real[1]])
-    worth = goods.value[kind] * grid.prod(0).astype(np.float32)
-    worth = worth - goods.strict * (spoiled * face).sum(0)
-    able = (grid > 0).all(0) & space.there
-    worth = xp.where(able, worth, -np.float32(np.inf)).reshape(-1, sides.shape[1])
-    best = worth.argmax(0)
-    found = able.reshape(worth.shape).any(0)
-    grid, extent = (_row(xp, leaf.reshape(3, *worth.shape), best) for leaf in (grid, extent))
-    near = xp.concatenate(
-        [xp.where(space.turned, space.high[:2] - extent[:2], space.low[:2]), space.low[2:]]
-    )
-    return Block(found, (best % R).astype(np.int32), grid, near, near + extent)
+    worth = goods.value[kind, lane] * grid.prod(0).astype(np.float32)
+    worth = worth - goods.strict[lane] * (spoiled * face).sum(0)
+    return xp.where((grid > 0).all(0), worth, -np.float32(np.inf))
 
 
 def _without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any, Any]:
@@ -227,7 +286,9 @@ def _without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, An
     there = (now.high > now.low).all(0)
     hit = ((now.low < far) & (now.high > near)).all(0) & there & block.found
     nth = xp.cumsum(hit, 0)
-    some = (nth == xp.arange(1, CUT + 1)[:, None, None]) & hit  # [CUT, S, P]
+    # NumPy's arrays are as long as they have to be.
+    most = CUT if xp is not np else min(CUT, max(1, int(nth[-1].max())))
+    some = (nth == xp.arange(1, most + 1)[:, None, None]) & hit  # [CUT, S, P]
     cut, index = some.any(1), some.argmax(1)
     low, high = (xp.take_along_axis(side, index[None], 1) for side in (now.low, now.high))
     lows, highs = [], []
@@ -241,6 +302,10 @@ def _without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, An
     ]
     least = xp.where(waiting, goods.side, FAR).min(1)
     good = (high - low >= least[:, None]).all(0) & xp.concatenate([cut] * 6, 0)
+    if xp is np:
+        some = np.argsort(~good, 0, kind="stable")[: max(1, int(good.sum(0).max()))]
+        good = np.take_along_axis(good, some, 0)
+        low, high = (np.take_along_axis(side, some[None], 1) for side in (low, high))
     stays = there & ~hit
     n = len(good)
     inside_old = (
@@ -271,21 +336,3 @@ def _row(xp: Any, table: Any, index: Any) -> Any:
     """[..., P] of [..., N, P]."""
     shape = (1,) * (table.ndim - 1) + index.shape
     return xp.take_along_axis(table, index.reshape(shape), -2)[..., 0, :]
-
-
-def longest_sums(edges: np.ndarray, copies: np.ndarray, length: int) -> np.ndarray:
-    """For every length up to `length` the longest sum of edges that is not longer: int32.
-
-    Args:
-        edges: int [n], units.
-        copies: int [n], of each at most.
-    """
-    reached = np.zeros(length + 1, bool)
-    reached[0] = True
-    for edge, most in zip(edges.tolist(), copies.tolist(), strict=True):
-        part = 1
-        while most > 0 and edge * part <= length:
-            part = min(part, most)
-            reached[edge * part :] |= reached[: length + 1 - edge * part].copy()
-            most, part = most - part, 2 * part
-    return np.maximum.accumulate(np.where(reached, np.arange(length + 1), 0)).astype(np.int32)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, most_together
-from jaxpack.search.filling import BLOCKS, FAR, Axes, longest_sums
+from jaxpack.search.filling import BLOCKS, FAR, Axes
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import cost_of
 
@@ -52,23 +52,47 @@ class Kinds:
     blocks: int  # that a bin may hold
     known: dict[bytes, np.ndarray] = field(default_factory=dict)  # sums
 
+    @property
+    def ways(self) -> int:
+        """Orientations that every kind has rows for."""
+        return self.side.shape[1] // len(self.count)
+
     def sums(self, left: np.ndarray) -> np.ndarray:
         """Longest sums of edges of the kinds of which some are left: int32 [3, L]."""
         key = (left > 0).tobytes()
         if key not in self.known:
             if len(self.known) >= REMEMBERED:
                 self.known.clear()
-            ways = self.side.shape[1] // len(left)
-            some = np.repeat(left > 0, ways)
+            some = np.repeat(left > 0, self.ways)
             most = int(self.loading.stock.bins[self.bins].max()) // self.unit
             columns = []
             for axis in range(3):
                 edges, which = np.unique(self.side[axis, some] // self.unit, return_inverse=True)
-                copies = np.bincount(which.ravel(), np.repeat(self.count, ways)[some]).astype(int)
+                copies = np.bincount(which.ravel(), np.repeat(self.count, self.ways)[some]).astype(
+                    int
+                )
                 short = (edges > 0) & (edges <= most)
                 columns.append(longest_sums(edges[short], copies[short], most))
             self.known[key] = np.stack(columns) * np.int32(self.unit)
         return self.known[key]
+
+
+def longest_sums(edges: np.ndarray, copies: np.ndarray, length: int) -> np.ndarray:
+    """For every length up to `length` the longest sum of edges that is not longer: int32.
+
+    Args:
+        edges: int [n], units.
+        copies: int [n], of each at most.
+    """
+    reached = np.zeros(length + 1, bool)
+    reached[0] = True
+    for edge, most in zip(edges.tolist(), copies.tolist(), strict=True):
+        part = 1
+        while most > 0 and edge * part <= length:
+            part = min(part, most)
+            reached[edge * part :] |= reached[: length + 1 - edge * part].copy()
+            most, part = most - part, 2 * part
+    return np.maximum.accumulate(np.where(reached, np.arange(length + 1), 0)).astype(np.int32)
 
 
 def kinds_of(loading: Loading) -> Kinds:

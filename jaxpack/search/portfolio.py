@@ -220,9 +220,16 @@ class _Searches:
         self.orders_first = not self.fills or 2 * kinds > len(loading.items)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
+        self.best: Best | None = None
 
     def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
         """(a packing or None, packings tried since), until it is late: at once one of `first`."""
+        for found, tried in self._all(first):
+            if found:
+                self.best = better(self.best or found, found)
+            yield found, tried
+
+    def _all(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
         if self.options.packings is not None:
@@ -232,11 +239,10 @@ class _Searches:
         # Most orders are done before anything starts.
         start = perf_counter() + (0 if self.orders_first else ALONE * (self.end - perf_counter()))
         for number, (found, tried) in enumerate(quickly, 1):
-            best = better(best, found or best)
             yield found, tried
             if number >= SORTS and perf_counter() >= start:
                 break
-        process = self._asked(best) if compiles(self.loading) else None
+        process = self._asked() if compiles(self.loading) else None
         if process is None:
             yield from quickly
             return
@@ -256,7 +262,9 @@ class _Searches:
     ) -> Iterator[tuple[Best | None, int]]:
         """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
         loading, seed = self.loading, self.options.seed
-        by_value = search_values(loading, seed, stop, self.end) if self.fills else None
+        by_value = (
+            search_values(loading, seed, stop, self.end, lambda: self.best) if self.fills else None
+        )
         annealing = (
             (found, int(found is not None))
             for found in search_quickly(loading, seed, best, stop, sorts)
@@ -280,22 +288,22 @@ class _Searches:
         quickly = self._quickly(best, self.late, min(SORTS - 1, left))
         compiled = self.orders_first and compiles(self.loading) and left > UNCOMPILED
         for found, tried in islice(quickly, UNCOMPILED if compiled else left):
-            best, left = better(best, found or best), left - tried
+            left -= tried
             yield found, tried
-        if compiled and (process := self._asked(best, left)):
+        if compiled and (process := self._asked(left)):
             try:
                 while process.running and process.alive and not self.late():
                     for found, tried in self._reply(process):
-                        best, left = better(best, found or best), left - tried
+                        left -= tried
                         yield found, tried
             finally:
                 give_back(process)
         self.compiled = False
         yield from islice(quickly, left)
 
-    def _asked(self, best: Best, packings: int | None = None) -> SearchProcess | None:
+    def _asked(self, packings: int | None = None) -> SearchProcess | None:
         """A process that begins the compiled search, if there can be one."""
-        if self.late():
+        if self.late() or self.best is None:
             return None
         loading, seed = self.loading, self.options.seed
         draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
@@ -306,7 +314,7 @@ class _Searches:
         except OSError:  # an embedded interpreter, or no room for another process
             return None
         try:
-            process.ask(Request(loading, seed, left, best.genes, policy, packings))
+            process.ask(Request(loading, seed, left, self.best.genes, policy, packings))
         except UNSENDABLE:  # an objective that has no name in any module
             give_back(process)
             return None
