@@ -13,9 +13,10 @@ COMMANDS = {
     "train": "train a policy in a run folder",
     "evaluate": "compare methods on fresh instances",
     "check": "check a plan of anyone against its items and bins",
+    "warm": "compile once, after an install, what solve would compile when it meets an order",
 }
 """Name, also of the module whose `main` it is -> what it does."""
-COMPUTE = ("train", "evaluate")  # with JAX, in this process
+COMPUTE = ("train", "evaluate", "warm")  # with JAX, in this process
 
 HELP = "\n".join([
     "usage: jaxpack COMMAND [OPTIONS]",

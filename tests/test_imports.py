@@ -6,7 +6,7 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate", "solve", "check"}
+DOORS = {"train", "evaluate", "solve", "check", "warm"}
 TOP = {
     "methods",
     "comparison",

@@ -40,6 +40,11 @@ EXCHANGE = 4  # dispatches after which those that breed and those that anneal sh
 HEAT = 0.02  # of the annealing at the start, in bins
 
 
+def lanes_of(items: int) -> int:
+    """How many are packed side by side, each of so many rows of items."""
+    return LANES if items <= MANY_ITEMS else FEW_LANES
+
+
 def packer_of(loading: Loading) -> tuple[Packer, Stock]:
     """The compiled packer of a job, and the stock padded as its genes have to be."""
     decoding, stock = encode(loading)
@@ -84,7 +89,7 @@ def search(
     """
     limit = _Limit(seconds, packings)
     packer, stock = packer_of(loading)
-    many = LANES if len(stock.mask) <= MANY_ITEMS else FEW_LANES
+    many = lanes_of(len(stock.mask))
     genes = first_genes(loading, stock, seed, many, first)
     if packings is not None and packings < many:
         return

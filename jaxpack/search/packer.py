@@ -3,14 +3,17 @@
 Only the placing is compiled, the one program of a search: compiling keeps the user waiting.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from jax import Array
 
-from jaxpack.model.encoding import Genes, Loading, Stock, most_together, padded
+from jaxpack.model.encoding import MOST_TOGETHER, Genes, Loading, Stock, most_together, padded
 from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.top_faces import SHORT, TopFaces
@@ -19,6 +22,9 @@ from jaxpack.xla.target import Target, target, traced_for
 QUICKLY = {"xla_backend_optimization_level": 1}
 """What XLA is asked for: a third less to compile, and the program is no slower for it."""
 PIECE = 64  # lanes that a CPU packs side by side
+FEWEST = 16  # items, of an order and of a bin, that a program is compiled for
+TYPES = (2, 4)
+"""Types of bins, of as many copies as there are items, that programs are compiled for ahead."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +35,62 @@ class Decoding:
     rule: str = "lowest"  # of positions, a name in `jaxpack.packing.rules`
     made_for: Target = field(default_factory=target)
 
+    @property
+    def whole(self) -> np.dtype:
+        """Of areas and weights: int32 where sides are short, or else int64."""
+        return np.dtype("int32" if self.surface.short else "int64")
+
+
+class Program(NamedTuple):
+    """All that a program depends on, but for the number of lanes."""
+
+    decoding: Decoding
+    items: int  # rows, and those of the bins
+    bins: int
+
+    def __str__(self) -> str:
+        surface = self.decoding.surface
+        dimension, sides = "2D" if surface.flat else "3D", "short" if surface.short else "long"
+        items = f"{self.items} items, {surface.most} in a bin"
+        return f"{dimension}, {items}, {self.bins} bins, {sides} sides"
+
+    def compile(self, lanes: int) -> None:
+        """Compiles it, which puts it in the cache."""
+        N, S = self.items, self.bins
+        length, whole = self.decoding.surface.dtype, self.decoding.whole
+        tables = (
+            ((3, N, lanes), length), ((N, lanes), whole), ((N, lanes), bool), ((N, lanes), whole),
+            ((3, S, lanes), length), ((S, lanes), whole),
+        )  # fmt: skip
+        with jax.enable_x64(True):
+            shapes = [jax.ShapeDtypeStruct(*table) for table in tables]
+            first_fit.lower(self.decoding, *shapes).compile()
+
+
+def programs(flat: bool, items: int) -> Iterator[Program]:
+    """Those of all orders of so many items or fewer, small ones first; but for position rules and
+    grids that are not the usual ones, and for more than so many `TYPES` of bins.
+    """
+    powers = [FEWEST << n for n in range((_power_of_two(items) // FEWEST).bit_length())]
+    for count, most, types, short in product(powers, powers, TYPES, (True, False)):
+        if most == count if flat else most <= min(count, MOST_TOGETHER):
+            yield Program(Decoding(TopFaces(most, flat, short)), count, types * count)
+
+
+def program_of(loading: Loading) -> Program:
+    """The one for a job. They are few: room for bins, and for items in one in 2D, costs little."""
+    stock, items = loading.stock, _power_of_two(len(loading.items))
+    short = int(stock.bins.max()) <= SHORT and stock.weight.dtype == np.int32
+    most = items if loading.flat else _power_of_two(most_together(stock))
+    surface = TopFaces(most, loading.flat, short, int(stock.step))
+    bins = max(TYPES[0] * items, _power_of_two(len(loading.bins)))
+    return Program(Decoding(surface, loading.rules.rule), items, bins)
+
 
 def encode(loading: Loading) -> tuple[Decoding, Stock]:
     """What is static of the program, and the stock padded to the next size that has one."""
-    items, bins = (_power_of_two(len(rows)) for rows in (loading.items, loading.bins))
-    most = _power_of_two(most_together(loading.stock))
-    short = int(loading.stock.bins.max()) <= SHORT
-    surface = TopFaces(most, loading.flat, short, int(loading.stock.step))
-    return Decoding(surface, loading.rules.rule), padded(loading.stock, items, bins)
+    decoding, items, bins = program_of(loading)
+    return decoding, padded(loading.stock, items, bins)
 
 
 def pack_lanes(decoding: Decoding, stock: Stock, genes: Genes) -> tuple[np.ndarray, np.ndarray]:
@@ -70,14 +124,18 @@ def _piece(
     order, turn, pool = (leaf[job, lane] for leaf in genes)
     which, row = job[:, None], np.arange(len(job))[:, None]
     turned = turn[row, order]
-    dtype = decoding.surface.dtype
+    dtype, whole = decoding.surface.dtype, decoding.whole
+    limit = stocks.limit[which, pool]
+    if limit.dtype != whole:
+        unlimited = limit == np.iinfo(limit.dtype).max
+        limit = np.where(unlimited, np.iinfo(whole).max, limit.astype(whole))
     tables = (
         stocks.sizes[which, order, turned].astype(dtype).T,
-        stocks.needed[which, order, turned].T,
+        stocks.needed[which, order, turned].astype(whole, copy=False).T,
         stocks.mask[which, order].T,
-        stocks.weight[which, order].T,
+        stocks.weight[which, order].astype(whole, copy=False).T,
         stocks.bins[which, pool].astype(dtype).T,
-        stocks.limit[which, pool].T,
+        limit.T,
     )
     with jax.enable_x64(True):  # areas and weights may have 64 bits
         slot, place = map(np.asarray, first_fit(decoding, *tables))
@@ -105,4 +163,4 @@ def first_fit(
 
 
 def _power_of_two(count: int) -> int:
-    return max(16, 1 << (count - 1).bit_length())
+    return max(FEWEST, 1 << (count - 1).bit_length())

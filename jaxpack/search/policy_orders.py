@@ -5,18 +5,19 @@ cut into so many cells that the items' sides come close to whole ones, and what 
 no more.
 """
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES, decide
-from jaxpack.model.encoding import Genes, Loading, Stock
+from jaxpack.model.encoding import Genes, Loading, Rules, Stock
 from jaxpack.model.problem import Instance, Problem
 from jaxpack.packing.env import Decisions
 from jaxpack.packing.table import Table
@@ -36,12 +37,48 @@ def draw(
     network: Any,  # a bin-aware one
     params: Params,
     instances: Instance,
-    keys: Array,
+    seed: Array,  # int32[]
     kinds: int,
 ) -> Decisions:
     """What the policy decides, compiled in as few seconds as can be."""
+    # Not among the keys that the search, which starts from the same seed, splits from its own.
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), STREAM), LANES)
     view = Table(problem, rolled=True)
     return decide(network, view, params, instances, keys, kinds, TEMPERATURE, cuts=())
+
+
+class Program(NamedTuple):
+    """All that a program depends on, but for the rules and the policy."""
+
+    dimension: int
+    items: int
+    kinds: int
+    ways: int  # orientations
+
+    def __str__(self) -> str:
+        what = f"{self.items} items of {self.kinds} kinds, orientations: {self.ways}"
+        return f"{self.dimension}D, the policy, {what}"
+
+    def compile(self, policy: Policy) -> None:
+        """Compiles it, which puts it in the cache."""
+        whole = partial(jax.ShapeDtypeStruct, dtype=np.dtype("int32"))
+        sizes, mask = (LANES, self.items, 3), jax.ShapeDtypeStruct((LANES, self.items), bool)
+        turned = whole((LANES, self.items, self.ways, 3))
+        leaves: Any = whole(sizes), mask, whole((LANES, 3)), turned  # shapes instead of arrays
+        problem, network = _grid(self.dimension, Rules()), policy.config.policy
+        draw.lower(
+            problem, network, policy.params, Instance(*leaves), whole(()), self.kinds
+        ).compile()
+
+
+def programs(dimension: int, items: int) -> Iterator[Program]:
+    """Those of all orders of so many items or fewer, at most the last of `SHAPES`, where the usual
+    share of an item's base is carried.
+    """
+    shapes = [shape for shape in SHAPES if shape <= (first_stage(SHAPES, items) or items)]
+    for count, kinds, ways in product(shapes, shapes, (1, 2) if dimension == 2 else (1, 2, 6)):
+        if kinds <= count:
+            yield Program(dimension, count, kinds, ways)
 
 
 def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, seed: int) -> Genes:
@@ -58,19 +95,18 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     """
     kept = np.arange(LANES)[:, None] < LANES // 2
     instances, kinds = _on_a_grid(loading, stock, genes, kept)
-    most = CELLS[loading.job.dimension][-1]
-    depth = 1 if loading.flat else most
-    problem = Problem(
-        (most, depth, most), support=loading.rules.support, inclusive=loading.rules.inclusive
-    )
-    network = policy.config.policy
-    # Not among the keys that the search, which starts from the same seed, splits from its own.
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), STREAM), LANES)
-    drawn = draw(problem, network, policy.params, instances, keys, kinds)
+    problem = _grid(loading.job.dimension, loading.rules)
+    drawn = draw(problem, policy.config.policy, policy.params, instances, np.int32(seed), kinds)
     order, turn = map(np.asarray, drawn)
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
     return genes._replace(order=order[:, :items], turn=np.where(kept, genes.turn, turn[:, :items]))
+
+
+def _grid(dimension: int, rules: Rules) -> Problem:
+    most = CELLS[dimension][-1]
+    depth = 1 if dimension == 2 else most
+    return Problem((most, depth, most), support=rules.support, inclusive=rules.inclusive)
 
 
 def _on_a_grid(
@@ -99,9 +135,9 @@ def _on_a_grid(
     items = first_stage(SHAPES, count) or count
     empty = ((0, 0), (0, items - count))
     mask = np.pad(np.broadcast_to(stock.mask, (lanes, count)), empty)
-    turned = jnp.asarray(np.pad(whole, (*empty, (0, 0), (0, 0)), constant_values=1))
-    instance = Instance(turned[:, :, 0], jnp.asarray(mask), jnp.asarray(cells, jnp.int32), turned)
-    return instance, min(first_stage(SHAPES, kinds) or kinds, items)
+    turned = np.pad(whole, (*empty, (0, 0), (0, 0)), constant_values=1)
+    leaves: Any = turned[:, :, 0], mask, cells.astype(np.int32), turned  # of NumPy
+    return Instance(*leaves), min(first_stage(SHAPES, kinds) or kinds, items)
 
 
 def first_stage(stages: tuple[int, ...], count: int) -> int | None:

@@ -61,6 +61,11 @@ class SolveOptions:
         return Rules(self.support, self.inclusive, self.rule)
 
 
+def policy_name(dimension: int) -> str:
+    """Which of the shipped policies draws orders."""
+    return f"bin-aware-{dimension}d-turned"
+
+
 class End(Enum):
     """What ends a search."""
 
@@ -307,7 +312,7 @@ class _Searches:
             return None
         loading, seed = self.loading, self.options.seed
         draws = self.options.policy and not loading.objective.open_bin  # it sees shares of a bin
-        policy = f"bin-aware-{loading.job.dimension}d-turned" if draws else ""
+        policy = policy_name(loading.job.dimension) if draws else ""
         left = self.end - perf_counter()
         try:
             process = borrow()

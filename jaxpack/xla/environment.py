@@ -1,6 +1,7 @@
 """What is read from the environment without importing JAX, which takes a second."""
 
 import os
+import platform
 from pathlib import Path
 
 
@@ -9,6 +10,13 @@ def cache_folder() -> Path:
     if own := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return Path(own)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jaxpack"
+
+
+def compiler() -> tuple[str, ...]:
+    """What a program depends on besides itself: JAX, its compiler with its flags, and the host."""
+    from importlib.metadata import version  # not for those who compile nothing
+
+    return version("jax"), version("jaxlib"), os.environ.get("XLA_FLAGS", ""), platform.node()
 
 
 def environment_of_another(package: Path) -> dict[str, str]:
