@@ -50,14 +50,14 @@ def worth(kinds, full):
 
 
 def beam(kinds, goods, width, children):
-    return fill_by_beam(kinds.axes, kinds.blocks, goods, kinds.volume, width, children, never)
+    return fill_by_beam(kinds, goods, kinds.volume, width, children, never)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_of_width_one_it_is_the_greedy(seed):
     kinds = kinds_of(loading_of(seed))
     goods = goods_of(kinds, 8)
-    greedy = fill(kinds.axes, goods, filling.empty(np, goods, kinds.blocks), never)
+    greedy = fill(kinds, goods, never)
     for mine, theirs in zip(beam(kinds, goods, 1, 1), greedy, strict=True):
         np.testing.assert_array_equal(mine, theirs)
 
@@ -84,7 +84,7 @@ def test_lanes_do_not_see_each_other():
 def test_sequences_of_the_same_blocks_are_one_child():
     kinds = kinds_of(loading_of(2))
     goods = goods_of(kinds, 4)
-    full = fill(kinds.axes, goods, filling.empty(np, goods, kinds.blocks), never)
+    full = fill(kinds, goods, never)
     used, random = int(full.used[0]), np.random.default_rng(0)
     assert used > 2
     order = np.arange(len(full.row))
@@ -117,7 +117,5 @@ def test_one_that_is_stopped_has_what_it_met():
     loading = loading_of(4, kinds=9)
     kinds, asked = kinds_of(loading), iter(range(10**9))
     goods = goods_of(kinds, 4)
-    full = fill_by_beam(
-        kinds.axes, kinds.blocks, goods, kinds.volume, 4, 3, lambda: next(asked) > 60
-    )
+    full = fill_by_beam(kinds, goods, kinds.volume, 4, 3, lambda: next(asked) > 60)
     assert (worth(kinds, full) > 0).all()

@@ -17,6 +17,7 @@ from jaxpack.search import bin_values, filling
 from jaxpack.search.beam import fill
 from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
+from jaxpack.search.blocks import step
 from jaxpack.search.fillings import best_of, cover, kinds_of, longest_sums
 
 WAYS = tuple(ORIENTATIONS)
@@ -136,12 +137,12 @@ def test_compiled_it_is_the_same_to_the_bit(copies):
 
     @partial(jax.jit, static_argnums=0)
     def compiled(axes, goods):
-        step = partial(filling.step, jnp, axes, goods)
+        go_on = partial(step, jnp, axes, goods)
         return jax.lax.while_loop(
-            lambda now: filling.goes_on(now).any(), step, filling.empty(jnp, goods, kinds.blocks)
+            lambda now: filling.goes_on(now).any(), go_on, filling.empty(jnp, goods, kinds.blocks)
         )
 
-    ours = fill(kinds.axes, goods, filling.empty(np, goods, kinds.blocks), lambda: False)
+    ours = fill(kinds, goods, lambda: False)
     assert ours.used.min() > 0
     for mine, theirs in zip(ours, compiled(kinds.axes, goods), strict=True):
         np.testing.assert_array_equal(mine, theirs)

@@ -9,38 +9,45 @@ same places, in whatever order they came, there is one. Beams and children are l
 import numpy as np
 
 from jaxpack.search import filling
-from jaxpack.search.filling import Axes, Filling, Goods, some_lanes
+from jaxpack.search.blocks import step
+from jaxpack.search.filling import Filling, Goods, some_lanes
+from jaxpack.search.fillings import Kinds
 from jaxpack.search.quick import Stop
 
 
-def fill(axes: Axes, goods: Goods, now: Filling, stop: Stop) -> Filling:
-    """Takes steps until no space is awake or `stop` says so."""
+def fill(kinds: Kinds, goods: Goods, stop: Stop, now: Filling | None = None) -> Filling:
+    """Bins that are filled greedily, or as far as `stop` lets them.
+
+    Args:
+        kinds: what is packed.
+        goods: of it, for every lane.
+        stop: asked all the time.
+        now: bins to go on with; empty ones if not given.
+    """
+    now = now or filling.empty(np, goods, kinds.blocks)
     done, lanes = Filling(*map(np.array, now)), np.arange(len(now.used))
     while (going := filling.goes_on(now)).any() and not stop():
         if 2 * going.sum() <= len(going):  # the others are done
             _put(done, lanes, now)
             lanes, now, goods = lanes[going], some_lanes(now, going), some_lanes(goods, going)
-        now = filling.step(np, axes, goods, now)
+        now = step(np, kinds.axes, goods, now, judge=kinds.judge)
     _put(done, lanes, now)
     return done
 
 
 def fill_by_beam(
-    axes: Axes, blocks: int, goods: Goods, value: np.ndarray, width: int, children: int, stop: Stop
+    kinds: Kinds, goods: Goods, value: np.ndarray, width: int, children: int, stop: Stop
 ) -> Filling:
     """The best filling that a beam meets, one beam in every lane.
 
     Args:
-        axes: see `filling.step`.
-        blocks: most in a bin.
-        goods: of G beams.
+        kinds, goods, stop: as of `fill`.
         value: float64 [K], of an item: what is to be large in the end.
         width: bins that are continued side by side; with one and one child it is `fill`.
         children: blocks that each of them is continued by.
-        stop: asked all the time.
     """
     G, n = len(goods.limit), width * children
-    first = filling.empty(np, goods, blocks)
+    first = filling.empty(np, goods, kinds.blocks)
     best, most = first, np.full(G, -np.inf)
     nodes = some_lanes(first, np.repeat(np.arange(G), width))
     # The beam begins with one bin; the other lanes have no space.
@@ -50,10 +57,11 @@ def fill_by_beam(
     nth = np.tile(np.arange(children), G * width)
     while (there := filling.goes_on(nodes)).any() and not stop():
         mother = np.repeat(np.arange(G * width), children)
-        kids = filling.step(np, axes, goods, some_lanes(nodes, mother), nth)
+        bins = some_lanes(nodes, mother)
+        kids = step(np, kinds.axes, goods, bins, nth, kinds.judge)
         # A first child is filled up as its mother was.
         new = (nth > 0) | np.isneginf(known[mother])
-        full = fill(axes, goods, kids._replace(awake=kids.awake & new), stop)
+        full = fill(kinds, goods, stop, kids._replace(awake=kids.awake & new))
         worth = np.where(new, value @ (goods.count - full.left), known[mother])
         worth = np.where(there[mother], worth, -np.inf).reshape(G, n)
         lane = np.where(new.reshape(G, n), worth, -np.inf).argmax(1) + np.arange(G) * n

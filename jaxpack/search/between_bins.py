@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxpack.search.beam import fill
 from jaxpack.search.draws import by_volume, drawn, filled_lane
-from jaxpack.search.filling import Filling, empty
+from jaxpack.search.filling import Filling
 from jaxpack.search.fillings import Filled, Kinds
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import Stop
@@ -156,7 +156,7 @@ class Between:
         value = np.where(left > 0, self.value[which], 0)
         sums = np.concatenate([kinds.sums(row) for row in count])
         goods, swapped = drawn(kinds, which, value, left, of, sums, group, draw, random)
-        done = fill(kinds.axes, goods, empty(np, goods, kinds.blocks), stop)
+        done = fill(kinds, goods, stop)
         return _Lanes(done, which, of, swapped, ((left - done.left) * value).sum(0))
 
     def _filled(self, lanes: _Lanes, lane: int) -> Filled:

@@ -9,6 +9,7 @@ values, in two directions, with blocks that are shorter than they could be; the 
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from time import perf_counter
 
@@ -17,8 +18,9 @@ import numpy as np
 from jaxpack.model.encoding import MOST_ITEMS, Loading
 from jaxpack.search.beam import fill, fill_by_beam
 from jaxpack.search.between_bins import Between, filled_bins
+from jaxpack.search.block_policy import Judge
 from jaxpack.search.draws import by_volume, drawn, filled_lane
-from jaxpack.search.filling import Goods, empty
+from jaxpack.search.filling import Goods
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import Stop
@@ -41,6 +43,7 @@ def search_values(
     stop: Stop,
     end: float = math.inf,
     known: Callable[[], Best | None] = lambda: None,
+    judge: Judge | None = None,
 ) -> Iterator[tuple[Best | None, int]]:
     """(a packing that is better than those before or None, packings tried), pass by pass; where few
     items have their like, with rounds between the bins of the best one after each.
@@ -51,8 +54,10 @@ def search_values(
         stop: asked all the time; the pass that it cuts off is lost, if not of a best subset.
         end: of the time, by `perf_counter`.
         known: the best packing of all searches, from which the rounds go on.
+        judge: the policy that chooses blocks, if there is one.
     """
-    kinds, random = kinds_of(loading), np.random.default_rng([seed, 2])
+    kinds, random = kinds_of(loading, judge), np.random.default_rng([seed, 2])
+    by_hand = replace(kinds, judge=None)
     price = loading.stock.price[kinds.bins].astype(float)
     found, value = _Found(kinds), _first_values(kinds, None)
     best_subset = loading.objective.leaves_out
@@ -62,7 +67,9 @@ def search_values(
         noise = PRICED * random.standard_normal(len(price)) * (number > 1)
         # Of a best subset there is only this bin, and all the time for it.
         beam = BEAMS[number % len(BEAMS)] if best_subset and number > 1 else None
-        bins, left = _pass(kinds, value, price * np.exp(noise), random, stop, beam)
+        # Small orders have no time for more than one way: by hand first, and then in turns.
+        mine = kinds if best_subset or number % 2 == 0 else by_hand
+        bins, left = _pass(mine, value, price * np.exp(noise), random, stop, beam)
         if stop() and not best_subset:
             return
         found.add(bins)
@@ -180,9 +187,9 @@ def _pass(
         types = np.flatnonzero(there > 0)
         goods, swapped = _drawn(kinds, value, left, types, random, beam[0] if beam else None)
         if beam:
-            done = fill_by_beam(kinds.axes, kinds.blocks, goods, value[left > 0], *beam[1:], stop)
+            done = fill_by_beam(kinds, goods, value[left > 0], *beam[1:], stop)
         else:
-            done = fill(kinds.axes, goods, empty(np, goods, kinds.blocks), stop)
+            done = fill(kinds, goods, stop)
         if stop() and not kinds.loading.objective.leaves_out:
             break
         held = left[left > 0, None] - done.left  # [kinds that are left, lanes]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, most_together
+from jaxpack.search.block_policy import Judge
 from jaxpack.search.filling import BLOCKS, FAR, Axes
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import cost_of
@@ -50,6 +51,7 @@ class Kinds:
     axes: Axes  # see `filling.step`
     there: np.ndarray  # int [T], bins of each type
     blocks: int  # that a bin may hold
+    judge: Judge | None  # what is added to the score of a block
     known: dict[bytes, np.ndarray] = field(default_factory=dict)  # sums
 
     @property
@@ -95,8 +97,8 @@ def longest_sums(edges: np.ndarray, copies: np.ndarray, length: int) -> np.ndarr
     return np.maximum.accumulate(np.where(reached, np.arange(length + 1), 0)).astype(np.int32)
 
 
-def kinds_of(loading: Loading) -> Kinds:
-    """Of a job."""
+def kinds_of(loading: Loading, judge: Judge | None = None) -> Kinds:
+    """Of a job, and what fills its bins."""
     stock = loading.stock
     N, ways = stock.sizes.shape[:2]
     columns = stock.ways, stock.weight, stock.profit.view(np.int32)
@@ -121,7 +123,7 @@ def kinds_of(loading: Loading) -> Kinds:
         np.maximum(stock.needed[first], 1).reshape(-1).astype(np.int32), weight.astype(np.int32),
         stock.sizes[first, 0].astype(float).prod(1), bins, limit.astype(np.int32),
         -(-int(stock.bins[bins].max()) // FINE), axes, np.bincount(types),
-        min(BLOCKS, most_together(stock)),
+        min(BLOCKS, most_together(stock)), judge,
     )  # fmt: skip
 
 

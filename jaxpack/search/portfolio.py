@@ -18,14 +18,13 @@ from jaxpack.model.plan_check import check_plan
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
 from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
+from jaxpack.search.block_policy import shipped
 from jaxpack.search.local_search import Best, better
 from jaxpack.search.quick import SORTS, quick_plan, search_quickly
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
-ALONE = (
-    0.3  # share of the time in which orders of items are not searched, where most have their like
-)
+ALONE = 0.3  # share of the time in which orders are not searched, where most items have their like
 UNCOMPILED = 48  # packings before the compiled search, where their number is given
 TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
@@ -44,7 +43,7 @@ class SolveOptions:
     inclusive: bool = Rules.inclusive
     resolution: float | None = None  # corners stand on a grid of this length; anywhere if not given
     skip_unfit: bool = False
-    policy: bool = True  # whether the shipped policy draws orders for the search to go on from
+    policy: bool = True  # whether the shipped ones choose blocks, and draw orders to go on from
     packings: int | None = None  # that are tried at most: with one seed the plan is the same then
     rule: str = Rules.rule  # of positions, a name in `jaxpack.packing.rules`
 
@@ -267,9 +266,12 @@ class _Searches:
     ) -> Iterator[tuple[Best | None, int]]:
         """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
         loading, seed = self.loading, self.options.seed
-        by_value = (
-            search_values(loading, seed, stop, self.end, lambda: self.best) if self.fills else None
-        )
+        by_value = None
+        if self.fills:
+            # It has learned from orders of copies in 3D.
+            learned = self.options.policy and not (loading.flat or self.orders_first)
+            judge = shipped() if learned else None
+            by_value = search_values(loading, seed, stop, self.end, lambda: self.best, judge)
         annealing = (
             (found, int(found is not None))
             for found in search_quickly(loading, seed, best, stop, sorts)

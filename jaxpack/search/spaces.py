@@ -1,0 +1,104 @@
+"""The free boxes of bins: which one is filled next, and what a block leaves of them."""
+
+from typing import Any
+
+import numpy as np
+
+from jaxpack.search.filling import CUT, FAR, TOPS, Block, Filling, Goods, Space, one_row
+
+
+def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
+    """The lowest one that is awake, the one nearest to a corner of these, the largest of these."""
+    there = now.awake & (now.high > now.low).all(0)
+    length, width, _ = goods.room[:, None]
+    corner = xp.minimum(now.low[0], length - now.high[0]) + xp.minimum(
+        now.low[1], width - now.high[1]
+    )
+    chosen = there
+    for key in (now.low[2], corner):
+        key = xp.where(chosen, key, FAR)
+        chosen = chosen & (key == key.min(0))
+    volume = (now.high - now.low).astype(np.float32).prod(0)
+    which = xp.where(chosen, volume, np.float32(-1)).argmax(0)
+    low, high = (one_row(xp, corners, which) for corners in (now.low, now.high))
+    turned = low[:2] > goods.room[:2] - high[:2]
+    carried = _carried(xp, now, low, high, turned)
+    return Space(which, there.any(0), low, high, turned, carried)
+
+
+def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
+    """The largest rectangle at the corner that is all tops, or the floor: int32 [2, P]."""
+    sides = high[:2] - low[:2]
+    beside = ((now.near[:2] < high[:2, None]) & (now.far[:2] > low[:2, None])).all(0)
+    carries = beside & (now.far[2] == low[2]) & (xp.arange(len(now.row))[:, None] < now.used)
+    nth = xp.cumsum(carries, 0)
+    some = (nth == xp.arange(1, TOPS + 1)[:, None, None]) & carries  # [TOPS, M, P]
+    there = some.any(1)
+    index = some.argmax(1)
+    near, far = (xp.take_along_axis(side[:2], index[None], 1) for side in (now.near, now.far))
+    # From the corner on.
+    flip = turned[:, None]
+    start = xp.maximum(xp.where(flip, high[:2, None] - far, near - low[:2, None]), 0)
+    end = xp.minimum(xp.where(flip, high[:2, None] - near, far - low[:2, None]), sides[:, None])
+    over = xp.maximum(xp.minimum(end[:, :, None], end[:, None]) - start[:, None], 0)
+    over = xp.where(there[None, None], over, 0)  # [2, TOPS: up to its end, TOPS: of this, P]
+    covered = (over[0][:, None] * over[1][None]).sum(2)  # [TOPS, TOPS, P]
+    area = end[0][:, None] * end[1][None]
+    whole = (covered == area) & there[:, None] & there[None]
+    area = xp.where(whole, area, 0).reshape(TOPS * TOPS, -1)
+    best = area.argmax(0)
+    found = xp.stack([one_row(xp, end[0], best // TOPS), one_row(xp, end[1], best % TOPS)])
+    found = xp.where(area.max(0) > 0, found, 0)
+    return xp.where(low[2] == 0, sides, found)
+
+
+def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any, Any]:
+    """(low, high, awake) of the spaces that are left around the block."""
+    near, far = block.near[:, None], block.far[:, None]
+    there = (now.high > now.low).all(0)
+    hit = ((now.low < far) & (now.high > near)).all(0) & there & block.found
+    nth = xp.cumsum(hit, 0)
+    # NumPy's arrays are as long as they have to be.
+    most = CUT if xp is not np else min(CUT, max(1, int(nth[-1].max())))
+    some = (nth == xp.arange(1, most + 1)[:, None, None]) & hit  # [CUT, S, P]
+    cut, index = some.any(1), some.argmax(1)
+    low, high = (xp.take_along_axis(side, index[None], 1) for side in (now.low, now.high))
+    lows, highs = [], []
+    for axis in range(3):
+        along = (np.arange(3) == axis)[:, None, None]
+        lows += [low, xp.where(along, far, low)]
+        highs += [xp.where(along, near, high), high]
+    low, high = xp.concatenate(lows, 1), xp.concatenate(highs, 1)  # [3, 6 CUT, P]
+    waiting = (now.left > 0)[
+        np.arange(goods.side.shape[1]) // (goods.side.shape[1] // len(now.left))
+    ]
+    least = xp.where(waiting, goods.side, FAR).min(1)
+    good = (high - low >= least[:, None]).all(0) & xp.concatenate([cut] * 6, 0)
+    if xp is np:
+        some = np.argsort(~good, 0, kind="stable")[: max(1, int(good.sum(0).max()))]
+        good = np.take_along_axis(good, some, 0)
+        low, high = (np.take_along_axis(side, some[None], 1) for side in (low, high))
+    stays = there & ~hit
+    n = len(good)
+    inside_old = (
+        (low[:, :, None] >= now.low[:, None]) & (high[:, :, None] <= now.high[:, None])
+    ).all(0)
+    inside_old = (inside_old & stays[None]).any(1)
+    inside = ((low[:, :, None] >= low[:, None]) & (high[:, :, None] <= high[:, None])).all(0)
+    same = inside & xp.swapaxes(inside, 0, 1)
+    earlier = (np.arange(n)[:, None] > np.arange(n)[None])[:, :, None]
+    inside_new = (inside & good[None] & (~same | earlier)).any(1)
+    good = good & ~inside_old & ~inside_new
+    # The n-th of them into the n-th slot that is free.
+    slot, which = xp.cumsum(~stays, 0), xp.cumsum(good, 0)
+    match = (slot[:, None] == which[None]) & good[None] & ~stays[:, None]  # [S, 6 CUT, P]
+    comes, source = match.any(1), match.argmax(1)
+    new_low, new_high = (xp.take_along_axis(side, source[None], 1) for side in (low, high))
+    keep = stays & ~comes
+    above = (now.low[2] == block.far[2]) & block.found
+    above = above & ((now.low[:2] < far[:2]) & (now.high[:2] > near[:2])).all(0)
+    return (
+        xp.where(comes, new_low, xp.where(keep, now.low, 0)),
+        xp.where(comes, new_high, xp.where(keep, now.high, 0)),
+        comes | (keep & (now.awake | above)),
+    )
