@@ -1,7 +1,8 @@
 """Reads public benchmark instances from files of others; docs/data.md says where to get them.
 
 2D: the 500 instances of Berkey and Wang (1987) and Martello and Vigo (1998). 3D: the 47 of
-Ivancic, Mathur and Mohanty (1989), five orders of BED-BPP, and 2,144 mail orders of a bookshop.
+Ivancic, Mathur and Mohanty (1989), 35 of Bischoff and Ratcliff (1995), five orders of BED-BPP, and
+2,144 mail orders of a bookshop.
 """
 
 import argparse
@@ -16,6 +17,7 @@ FOLDER = Path(__file__).parents[2] / "shared" / "data"
 
 BERKEY_WANG = "2bp_berkey_wang_martello_vigo.json"
 IVANCIC = "3bp_ivancic_thpack9.json"
+BISCHOFF_RATCLIFF = "br_35.json"
 BED_BPP = "bed_bpp_5_orders.json"
 BOOKSHOP = "bookshop_orders.csv", "bookshop_cartons.csv"
 MPV_BOUNDS = "3bp_mpv_lower_bounds.csv"
@@ -62,6 +64,19 @@ def read_ivancic(path: str | Path) -> list[Job]:
             size = (row["X"], row["Y"], row["Z"])
             items.append(ItemType(size, copies=row["COPIES"], orientations=allowed))
         jobs.append(Job(tuple(items), (BinType(tuple(instance["bin"])),), name=instance["name"]))
+    return jobs
+
+
+def read_bischoff_ratcliff(path: str | Path) -> list[Job]:
+    """Every instance: one container, of which the greatest volume is to be filled."""
+    jobs = []
+    for instance in json.loads(Path(path).read_text()):
+        items = tuple(
+            ItemType(tuple(map(float, row["size"])), row["copies"], 0.0, tuple(row["rotations"]))
+            for row in instance["items"]
+        )
+        room = BinType(tuple(map(float, instance["bin"])), copies=1)
+        jobs.append(Job(items, (room,), objective="value", name=instance["name"]))
     return jobs
 
 

@@ -10,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = [("solve_public.py", "2bp"), ("solve_public.py", "ivancic"), ("parts.py",)]
+SCRIPTS += [("solve_public.py", "br"), ("solve_public.py", "bed"), ("fill_ideas.py",)]
 SCRIPTS += [("public_tables.py",), ("peers.py",)]
 
 
@@ -33,6 +34,6 @@ def test_the_page_names_every_file_that_is_read():
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
     files = {text for text in texts if isinstance(text, str) and re.fullmatch(r"\w+\.\w+", text)}
     page = (ROOT / "docs" / "data.md").read_text()
-    assert len(files) == 6
+    assert len(files) == 7
     rows = "".join(re.findall(r"^\| (`.+?) \|", page, re.MULTILINE))
     assert files == set(re.findall(r"`(.+?)`", rows))
