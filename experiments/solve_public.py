@@ -99,13 +99,11 @@ def main() -> None:
         rows.append(row | {"end": found.end.name, "limit": options.seconds})
         print(rows[-1], flush=True)
         write_rows(path, rows)
-    filled = [row["filled"] for row in rows if "filled" in row]
-    total = (
-        f"{sum(map(float, filled)) / len(filled):.4f}"
-        if filled
-        else sum(int(row["bins"]) for row in rows)
-    )
-    print(f"{options.set}: {total} of {len(rows)} instances")
+    if options.set == "br":
+        mean = sum(float(row["filled"]) for row in rows) / len(rows)
+        print(f"{len(rows)} containers, {100 * mean:.2f} % filled")
+    else:
+        print(f"{len(rows)} instances, {sum(int(row['bins']) for row in rows)} bins")
 
 
 if __name__ == "__main__":

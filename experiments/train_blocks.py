@@ -90,7 +90,7 @@ def made_goods(count: int, seed: int) -> Goods:
         which = np.arange(KINDS)[:, None]
         there = which < len(kinds.count)
         own = np.where(there, which, 0)
-        left, value = (np.where(there, of[own], 0) for of in (kinds.count, kinds.volume))
+        left, value = (np.where(there, of[own], 0) for of in (kinds.count, kinds.size))
         sums = kinds.sums(kinds.count)
         tables.append(np.pad(sums, ((0, 0), (0, LONGEST - sums.shape[1])), mode="edge"))
         draw, zero = np.array([4 * random.integers(2)]), np.array([0])

@@ -14,7 +14,7 @@ from jaxpack.search import filling
 from jaxpack.search.beam import _twins, fill, fill_by_beam
 from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import search_values
-from jaxpack.search.draws import by_volume, drawn
+from jaxpack.search.draws import by_size, drawn
 from jaxpack.search.fillings import kinds_of
 
 
@@ -40,17 +40,17 @@ def loading_of(seed, kinds=5, copies=4, support=0.5, profits=False):
 def goods_of(kinds, draws, seed=0):
     K, lanes = len(kinds.count), np.arange(draws)
     which = np.repeat(np.arange(K)[:, None], draws, 1)
-    value, left = by_volume(kinds)[:, None], kinds.count[:, None]
+    value, left = by_size(kinds)[:, None], kinds.count[:, None]
     sums, random = kinds.sums(kinds.count), np.random.default_rng(seed)
     return drawn(kinds, which, value, left, 0 * lanes, sums, 0 * lanes, lanes, random)[0]
 
 
 def worth(kinds, full):
-    return kinds.volume @ (kinds.count[:, None] - full.left)
+    return kinds.size @ (kinds.count[:, None] - full.left)
 
 
 def beam(kinds, goods, width, children):
-    return fill_by_beam(kinds, goods, kinds.volume, width, children, never)
+    return fill_by_beam(kinds, goods, kinds.size, width, children, never)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -117,5 +117,5 @@ def test_one_that_is_stopped_has_what_it_met():
     loading = loading_of(4, kinds=9)
     kinds, asked = kinds_of(loading), iter(range(10**9))
     goods = goods_of(kinds, 4)
-    full = fill_by_beam(kinds, goods, kinds.volume, 4, 3, lambda: next(asked) > 60)
+    full = fill_by_beam(kinds, goods, kinds.size, 4, 3, lambda: next(asked) > 60)
     assert (worth(kinds, full) > 0).all()

@@ -133,7 +133,7 @@ def test_compiled_it_is_the_same_to_the_bit(copies):
     loading = load_job(job_of(1, copies=copies, kinds=5, types=2, weights=True))
     kinds, random = kinds_of(loading), np.random.default_rng(0)
     types = np.arange(2)
-    goods, _ = bin_values._drawn(kinds, kinds.volume, kinds.count, types, random)
+    goods, _ = bin_values._drawn(kinds, kinds.size, kinds.count, types, random)
 
     @partial(jax.jit, static_argnums=0)
     def compiled(axes, goods):
@@ -167,7 +167,7 @@ def test_what_the_cover_has_too_much_is_taken_out_from_the_top():
         kinds, random = kinds_of(loading), np.random.default_rng(seed)
         pool = {}
         for _ in range(6):
-            bins, _ = bin_values._pass(kinds, kinds.volume, np.ones(1), random, lambda: False)
+            bins, _ = bin_values._pass(kinds, kinds.size, np.ones(1), random, lambda: False)
             pool |= {one.held.tobytes(): one for one in bins}
         chosen = cover(kinds, [*pool.values()])
         assert (sum(one.times * one.held for one in chosen) >= kinds.count).all()
@@ -176,43 +176,3 @@ def test_what_the_cover_has_too_much_is_taken_out_from_the_top():
             check_plan(loading.job, plan(loading, best))
             assert (best.bin >= 0).all()
     assert taken, "some hold more than there is"
-
-
-ALL = {"ORIENTED": 0}
-ORDERS = {  # what people asked about: items (sides, copies), bins, how many bins of which size
-    "three bars": ([(40, 30, 30, 3)], [(90, 40, 30)], {(90, 40, 30): 1}),
-    "slabs": ([(210, 80, 46, 2), (210, 80, 8, 1), (220, 110, 20, 1)], [(292, 220, 46)], 1),
-    "five bricks": ([(3, 1, 2, 5)], [(6, 1, 5)], 1),
-    "tiles": ([(35, 35, 5, 10)], [(40, 40, 40)], 1),
-    "beams": ([(200, 60, 50, 20)], [(250, 250, 200)], 1),
-    "a full pallet": ([(40, 24, 60, 24)], [(120, 80, 160)], 1),
-    "two of two": (
-        [(260, 198, 65, 2), (175, 122, 45, 2)],
-        [(425, 250, 150), (415, 260, 285)],
-        {(425, 250, 150): 1},
-    ),
-    "long and small": (
-        [(4.5, 2, 3.5, 2), (17.5, 7, 7, 1), (15.5, 7, 7, 1)],
-        [(18, 7, 7), (24, 9, 9), (18, 14, 8), (36, 24, 12), (36, 24, 6), (8, 8, 4)],
-        {(18, 14, 8): 1},
-    ),
-    "the larger one": (
-        [(70, 70, 95, 6), (95, 95, 75, 2)],
-        [(240, 75, 160), (340, 180, 260)],
-        {(340, 180, 260): 1},
-    ),
-}
-
-
-@pytest.mark.parametrize("name", ORDERS)
-def test_orders_that_people_asked_about(name):
-    goods, rooms, expected = ORDERS[name]
-    items = [ItemType(tuple(map(float, row[:3])), row[3], orientations=WAYS) for row in goods]
-    job = Job(tuple(items), tuple(BinType(tuple(map(float, room))) for room in rooms))
-    solution = jaxpack.solve(job, packings=120)
-    used = [job.bins[packed.bin].size for packed in solution.plan.bins]
-    if isinstance(expected, dict):
-        assert sorted(used) == sorted(
-            tuple(map(float, size)) for size, times in expected.items() for _ in range(times)
-        )
-    assert len(used) == (expected if isinstance(expected, int) else sum(expected.values()))

@@ -41,12 +41,12 @@ def greedy(job, support, judge):
     kinds = kinds_of(load_job(job, Rules(support)), judge)
     lanes, which = np.arange(2), np.arange(len(kinds.count))[:, None]
     random, sums = np.random.default_rng(0), kinds.sums(kinds.count)
-    value, left = kinds.volume[:, None], kinds.count[:, None]
+    value, left = kinds.size[:, None], kinds.count[:, None]
     which = np.repeat(which, 2, 1)
     goods, _ = drawn(kinds, which, value, left, 0 * lanes, sums, 0 * lanes, lanes, random)
     full = fill(kinds, goods, never)
     room = kinds.loading.stock.bins[0].astype(float).prod()
-    return kinds.volume @ (left - full.left) / room, full
+    return kinds.size @ (left - full.left) / room, full
 
 
 def test_it_sees_shares(training):

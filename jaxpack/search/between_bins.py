@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpack.search.beam import fill
-from jaxpack.search.draws import by_volume, drawn, filled_lane
+from jaxpack.search.draws import by_size, drawn, filled_lane
 from jaxpack.search.filling import Filling
 from jaxpack.search.fillings import Filled, Kinds
 from jaxpack.search.local_search import Best
@@ -61,7 +61,7 @@ class Between:
         self.bins = list[Filled]()  # the best packing
         self.kept = list[Filled]()  # without those that are dissolved
         self.left = 0 * kinds.count  # int32 [K], what no bin holds
-        self.value, self.budget, self.idle = by_volume(kinds), 0.0, 0
+        self.value, self.budget, self.idle = by_size(kinds), 0.0, 0
 
     def begin(self, bins: list[Filled]) -> None:
         """With a packing of everything, or of less, which stays as it is."""
@@ -124,14 +124,14 @@ class Between:
 
     def _dissolve(self) -> None:
         kinds, random = self.kinds, self.random
-        volume = np.array([one.held @ kinds.volume for one in self.bins])
+        volume = np.array([one.held @ kinds.size for one in self.bins])
         noise = UNEVEN * random.random() * random.standard_normal(len(volume))
         order = np.argsort(volume / volume.max(initial=1e-9) + noise)
         gone = set(order[: int(random.choice(DISSOLVED))].tolist())
         self.kept = [one for n, one in enumerate(self.bins) if n not in gone]
         self.left = sum((self.bins[n].held for n in gone), 0 * kinds.count)
         self.budget = self.price_of(self.bins) - self.price_of(self.kept) - EQUAL
-        self.value, self.idle = by_volume(kinds), 0
+        self.value, self.idle = by_size(kinds), 0
 
     def _chosen(self) -> tuple[list[int], np.ndarray]:
         """(which bins to fill anew, types that a new one for what is left over may have)."""

@@ -19,7 +19,7 @@ from jaxpack.model.encoding import MOST_ITEMS, Loading
 from jaxpack.search.beam import fill, fill_by_beam
 from jaxpack.search.between_bins import Between, filled_bins
 from jaxpack.search.block_policy import Judge
-from jaxpack.search.draws import by_volume, drawn, filled_lane
+from jaxpack.search.draws import by_size, drawn, filled_lane
 from jaxpack.search.filling import Goods
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
@@ -155,18 +155,17 @@ def _first_values(kinds: Kinds, random: np.random.Generator | None) -> np.ndarra
     """By volume, with noise if `random` is given; by profit where a best subset is wanted: [K]."""
     if kinds.loading.objective.leaves_out:
         profit = kinds.loading.stock.profit[kinds.first].astype(float)
-        return profit * (kinds.volume @ kinds.count) / max(profit @ kinds.count, 1e-300)
-    value = by_volume(kinds)
+        return profit * (kinds.size @ kinds.count) / max(profit @ kinds.count, 1e-300)
+    value = by_size(kinds)
     return value if random is None else value * np.exp(NOISE * random.standard_normal(len(value)))
 
 
 def _charged(kinds: Kinds, value: np.ndarray, bins: list[Filled], left: np.ndarray) -> np.ndarray:
     """The values once everything has paid for the waste of its bins; what is left goes first."""
-    room = kinds.loading.stock.bins[kinds.bins].astype(float).prod(1)
     charged = np.zeros(len(value))
     for one in bins:
-        filled = max(one.held @ kinds.volume, 1e-9)
-        charged += one.times * one.held * kinds.volume * (room[one.type] / filled)
+        filled = max(one.held @ kinds.size, 1e-9)
+        charged += one.times * one.held * kinds.size * (kinds.holds[one.type] / filled)
     new = charged / kinds.count
     value = np.where(new > 0, (value + new) / 2, value)
     return np.where(left > 0, 2 * value.max(), value)

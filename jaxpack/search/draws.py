@@ -6,16 +6,15 @@ from jaxpack.search import filling
 from jaxpack.search.filling import FAR, Filling, Goods
 from jaxpack.search.fillings import Filled, Kinds
 
-LARGER = 1.3  # exponent of the volume in the first values: large items are worth more than theirs
+LARGER = 1.3  # exponent of the size in the first values: large items are worth more than theirs
 DRAWN = 1.0  # noise on the values of a draw at most
 LESS, MORE = 0.4, 0.4  # chance that a block is shorter along an axis, and then by one more
 STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose from
 
 
-def by_volume(kinds: Kinds) -> np.ndarray:
+def by_size(kinds: Kinds) -> np.ndarray:
     """The first values of all kinds: float [K]."""
-    volume = kinds.volume
-    value: np.ndarray = volume * (volume / volume.mean()) ** (LARGER - 1)
+    value: np.ndarray = kinds.size * (kinds.size / kinds.size.mean()) ** (LARGER - 1)
     return value
 
 

@@ -44,9 +44,10 @@ class Kinds:
     side: np.ndarray  # int32 [3, R]
     needed: np.ndarray  # int32 [R]
     weight: np.ndarray  # int32 [K]
-    volume: np.ndarray  # float64 [K]
+    size: np.ndarray  # float64 [K], what an item takes of a bin: see `_sizes`
     bins: np.ndarray  # int [T], a row of the stock for each type of bins
     limit: np.ndarray  # int32 [T]
+    holds: np.ndarray  # float64 [T], how much of such size
     unit: int  # of the sums of edges, which are rounded down
     axes: Axes  # see `filling.step`
     there: np.ndarray  # int [T], bins of each type
@@ -118,13 +119,34 @@ def kinds_of(loading: Loading, judge: Judge | None = None) -> Kinds:
     unit = -(-int(bounded.max(initial=1)) // 2**30)
     weight = -(-stock.weight[first].astype(np.int64) // unit)
     limit = np.minimum(limits // unit, 2**30)
+    size, holds = _sizes(loading, first, copies, bins)
     return Kinds(
         loading, rows.ravel(), first, copies.astype(np.int32), side.astype(np.int32),
         np.maximum(stock.needed[first], 1).reshape(-1).astype(np.int32), weight.astype(np.int32),
-        stock.sizes[first, 0].astype(float).prod(1), bins, limit.astype(np.int32),
+        size, bins, limit.astype(np.int32), holds,
         -(-int(stock.bins[bins].max()) // FINE), axes, np.bincount(types),
         min(BLOCKS, most_together(stock)), judge,
     )  # fmt: skip
+
+
+def _sizes(
+    loading: Loading, first: np.ndarray, copies: np.ndarray, bins: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What an item of each kind takes [K] and what a bin of each type holds [T]: volume and weight,
+    in units of volume, the more of the one of which there is more beside what a bin holds.
+    """
+    stock = loading.stock
+    volume, room = (
+        stock.sizes[first, 0].astype(float).prod(1),
+        stock.bins[bins].astype(float).prod(1),
+    )
+    if (stock.limit[bins] == np.iinfo(stock.limit.dtype).max).any():
+        return volume, room
+    weight, limit = stock.weight[first].astype(float), stock.limit[bins].astype(float)
+    weight, limit = (column * (room.max() / max(limit.max(), 1)) for column in (weight, limit))
+    full, heavy = volume @ copies, weight @ copies
+    part = heavy**2 / (heavy**2 + full**2)
+    return (1 - part) * volume + part * weight, (1 - part) * room + part * limit
 
 
 def best_of(kinds: Kinds, bins: list[Filled]) -> Best | None:
