@@ -4,8 +4,8 @@ python experiments/fill_ideas.py [--seconds 1] [--only TEXT]     (an hour and a 
 
 Nothing but the passes, on one core, without the compiled search: Ivancic's 47, 35 containers of
 Bischoff and Ratcliff of which the greatest volume is wanted, both with more than half of a base
-supported and with all of it, and every sixth mail order. Seconds are CPU seconds of the process, for
-a container three times as many; with 0 it is one pass. Writes results/fill-ideas.csv, a row per
+supported and with all of it, and every sixth mail order. Seconds are CPU seconds of the process,
+for a container three times as many; with 0 it is one pass. Writes results/fill-ideas.csv, a row per
 idea as soon as it is done; rows that are there are kept.
 """
 

@@ -128,7 +128,7 @@ def _grids(
         grids.append(xp.stack(grid))
     grid = xp.concatenate(grids, 1)
     grid = xp.where((grid > 0).all(0) & space.there[lane], grid, 0)
-    plenty = number.prod(0) <= copies
+    plenty = number.astype(np.float32).prod(0) <= copies  # it may be more than 31 bits
     same = (number[:, :1] == number[:, 1:]).all(0)
     first = xp.concatenate([same & False, same])
     return grid, xp.concatenate([first] + [first | plenty] * (len(axes) - 1))
