@@ -5,6 +5,7 @@ again while copies last, then the next one. After it every bin's waste is charge
 and the value of each kind becomes the mean of the old one and of what it was charged (sequential
 value correction; Belov and Scheithauer, 2007). A bin is drawn several times, with noise on the
 values, in two directions, with blocks that are shorter than they could be; the best one is taken.
+Of a best subset, which has one bin, a beam looks for it instead.
 """
 
 import math

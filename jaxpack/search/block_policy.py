@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-HIDDEN = 8
+FEATURES, HIDDEN = 19, 8
 Judge = Callable[[Any], Any]
 """Features of n blocks, float32 [F, n], to what is added to their score, float32 [n]."""
 
@@ -59,9 +59,6 @@ def features(xp: Any, goods: Any, now: Any, space: Any, offer: Offer) -> Any:
             of_space[:, lane],
         ]
     )
-
-
-FEATURES = 19
 
 
 def score(xp: Any, weights: Weights, seen: Any) -> Any:
