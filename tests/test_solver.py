@@ -233,6 +233,22 @@ def test_the_search_in_numpy_gets_better_than_the_sorts():
 
 
 @pytest.mark.slow
+def test_the_policy_turns_items_only_as_they_fit():
+    """What has fewer orientations than others is drawn in none that it does not have."""
+    rooms = BinType((230.0, 300.0, 240.0), 1.0), BinType((364.0, 374.0, 40.0), 1.0)
+    sizes = ((338, 366, 10), 3), ((210, 297, 8), 20), ((148, 210, 5), 20), ((232, 232, 22), 2)
+    items = tuple(
+        ItemType(tuple(map(float, size)), copies, orientations=WAYS) for size, copies in sizes
+    )
+    loading = load_job(Job(items, rooms))
+    _, stock = packer_of(loading)
+    sorts = first_genes(loading, stock, 0, 64)
+    for seed in range(4):
+        genes = policy_genes(loading, stock, sorts, load_policy("bin-aware-3d-turned"), seed)
+        assert (genes.turn < np.maximum(stock.ways, 1)).all()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "ways"), [(2, ("XYZ",)), (3, ("XYZ", "YXZ"))])
 def test_the_policy_and_the_search_together_lose_to_neither(dimension, ways):
     items, pallet = cartons(8, kinds=8, ways=ways), PALLET

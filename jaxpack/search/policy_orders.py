@@ -100,7 +100,9 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     order, turn = map(np.asarray, drawn)
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
-    return genes._replace(order=order[:, :items], turn=np.where(kept, genes.turn, turn[:, :items]))
+    # What has fewer orientations than others has its last one again in the place of those.
+    turn = np.minimum(turn[:, :items], np.maximum(stock.ways - 1, 0))
+    return genes._replace(order=order[:, :items], turn=np.where(kept, genes.turn, turn))
 
 
 def _grid(dimension: int, rules: Rules) -> Problem:
