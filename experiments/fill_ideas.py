@@ -45,6 +45,7 @@ IDEAS: dict[str, list[tuple[ModuleType, str, Any]]] = {
         (bin_values, "FEWEST", 2),
     ],
     "no noise on the values of a draw": [(draws, "DRAWN", 0.0)],
+    "none between the orientations of a kind": [(draws, "TURNED", 0.0)],
     "blocks as large as can be": [(draws, "LESS", 0.0)],
     "no cover of the pool": [(bin_values, "COVER", 10**9)],
     "no beam": [(bin_values, "BEAMS", ((128, 1, 1),))],

@@ -101,6 +101,7 @@ def made_goods(count: int, seed: int) -> Goods:
             goods._replace(
                 side=_six_ways(goods.side, kinds.ways, FAR),
                 needed=_six_ways(goods.needed, kinds.ways, 1),
+                value=_six_ways(goods.value, kinds.ways, 0),
                 less=_six_ways(goods.less, kinds.ways, 0),
                 first=(goods.first + 3 * LONGEST * len(lanes)).astype(np.int32),
             )

@@ -90,6 +90,20 @@ def test_nothing_floats_though_nothing_has_to_be_carried():
             check_plan(loading.job, plan(loading, best), 0.0, True)
 
 
+@pytest.mark.parametrize(("long", "short", "room"), [(6, 4, 10), (7, 5, 12), (9, 4, 13)])
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("bins", [1, 10])
+def test_pinwheels_are_found_at_once(long, short, room, dimension, bins):
+    """Four items round a hole: ties between their orientations must not fall to one side."""
+    sides, ways = ((long, 1, short), ("XYZ", "ZYX")) if dimension == 2 else ((long, short, 1), WAYS)
+    size = (room, 1, room) if dimension == 2 else (room, room, 1)
+    one = ItemType(tuple(map(float, sides)), 4 * bins, orientations=ways)
+    loading = load_job(Job((one,), (BinType(tuple(map(float, size))),), dimension), Rules())
+    for seed in range(3):
+        least = min(len(np.unique(best.bin)) for best in found(loading, 12, seed))
+        assert least == bins
+
+
 def test_the_longest_sides_that_there_may_be_are_packed():
     items = (ItemType((4.0, 1.0, 2.0**30)), ItemType((3.0, 1.0, 5.0), 2))
     loading = load_job(Job(items, (BinType((10.0, 1.0, 2.0**30)),), 2))

@@ -40,7 +40,7 @@ class Weights(NamedTuple):
 def features(xp: Any, goods: Any, now: Any, space: Any, offer: Offer) -> Any:
     """What is seen of every block: float32 [F, n], most of it in [0, 1]."""
     row, lane = offer.row, offer.lane
-    kind = row // (goods.side.shape[1] // len(goods.value))
+    kind = row // (goods.side.shape[1] // len(goods.count))
     sides = xp.maximum(space.high - space.low, 1).astype(np.float32)  # [3, P]
     room = goods.room.astype(np.float32)
     share = offer.extent.astype(np.float32) / sides[:, lane]

@@ -28,7 +28,7 @@ def step(
     asleep = (xp.arange(len(now.awake))[:, None] == space.which) & ~block.found
     low, high, awake = without(xp, goods, now, block)
     here = (xp.arange(len(now.row))[:, None] == now.used) & block.found
-    K, R = len(goods.value), goods.side.shape[1]
+    K, R = len(goods.count), goods.side.shape[1]
     mine = (xp.arange(K)[:, None] == block.row // (R // K)) & block.found
     taken = xp.where(mine, block.grid.prod(0), 0).astype(np.int32)
     left, used = now.left - taken, now.used + block.found.astype(np.int32)
@@ -87,7 +87,7 @@ def _offered(xp: Any, goods: Goods, now: Filling, space: Space) -> tuple[Any, An
     if xp is not np:
         return np.repeat(np.arange(R), P), np.tile(np.arange(P), R)
     fits = (goods.side <= (space.high - space.low)[:, None]).all(0) & space.there
-    kind = np.arange(R) // (R // len(goods.value))
+    kind = np.arange(R) // (R // len(goods.count))
     row, lane = np.nonzero(fits & (now.left > 0)[kind])  # a tenth
     return row, lane
 
@@ -98,7 +98,7 @@ def _grids(
     """How many items along each axis a block would have, grown in V ways, 0 where it cannot stand:
     int32 [3, V, C]; and which ways are one of those before again: bool [V, C].
     """
-    kind = row // (goods.side.shape[1] // len(goods.value))
+    kind = row // (goods.side.shape[1] // len(goods.count))
     side, needed, weight = (
         goods.side[:, row, lane],
         goods.needed[row, lane],
@@ -147,14 +147,13 @@ def _worth(
     """What blocks are worth less what they spoil, minus infinity where there is none: float32
     [n].
     """
-    kind = row // (goods.side.shape[1] // len(goods.value))
     side = goods.side[:, row, lane]
     extent = xp.where(grid > 0, grid * side, 0)
     gap = (space.high - space.low)[:, lane] - extent
     spoiled = (gap - goods.sums[goods.first[:, lane] + gap // goods.unit]).astype(np.float32)
     real = extent.astype(np.float32)
     face = xp.stack([real[1] * real[2], real[0] * real[2], real[0] * real[1]])
-    worth = goods.value[kind, lane] * grid.prod(0).astype(np.float32)
+    worth = goods.value[row, lane] * grid.prod(0).astype(np.float32)
     worth = worth - goods.strict[lane] * (spoiled * face).sum(0)
     if judge:
         seen = features(xp, goods, now, space, Offer(row, lane, grid, extent, gap, spoiled))

@@ -7,7 +7,7 @@ from jaxpack.search.filling import FAR, Filling, Goods
 from jaxpack.search.fillings import Filled, Kinds
 
 LARGER = 1.3  # exponent of the size in the first values: large items are worth more than theirs
-DRAWN = 1.0  # noise on the values of a draw at most
+DRAWN, TURNED = 1.0, 0.6  # noise on the values of a draw at most, and on those of orientations
 LESS, MORE = 0.4, 0.4  # chance that a block is shorter along an axis, and then by one more
 STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose from
 
@@ -50,6 +50,8 @@ def drawn(
         return np.where(swapped, table[[1, 0, 2]], table)
 
     noise = DRAWN * random.random(P) * random.standard_normal((K, P))
+    noise = np.repeat(noise, ways, 0)
+    noise += TURNED * random.random(P) * random.standard_normal(noise.shape)
     strict = random.choice(STRICT, P)
     less = np.zeros((3, len(rows), P), int)
     if kinds.count.max() > 1:
@@ -64,7 +66,7 @@ def drawn(
     goods = Goods(
         side=turned(side),
         needed=kinds.needed[rows],
-        value=(value * np.exp(noise)).astype(np.float32),
+        value=(np.repeat(value, ways, 0) * np.exp(noise)).astype(np.float32),
         weight=kinds.weight[which],
         count=np.broadcast_to(left, (K, P)).astype(np.int32),
         room=turned(kinds.loading.stock.bins[kinds.bins[types]].T),

@@ -31,7 +31,7 @@ class Goods(NamedTuple):
 
     side: Any  # int32 [3, R, P], units; FAR for an orientation that there is not
     needed: Any  # int32 [R, P], area of an item's base that must be carried, 1 or more
-    value: Any  # float32 [K, P], of an item, in units of volume
+    value: Any  # float32 [R, P], of an item as it stands, in units of volume
     weight: Any  # int32 [K, P]
     count: Any  # int32 [K, P], copies that may come in
     room: Any  # int32 [3, P], units, of the bin
