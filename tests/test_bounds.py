@@ -186,6 +186,15 @@ def test_weights_of_several_bins():
     assert bounds(Job((ItemType((1, 1, 1), 6, weight=40),), bins)).cost == 30
 
 
+def test_a_bin_holds_a_whole_number_of_equal_items():
+    """Six by volume, not 6.7; eight by weight, not 8.5."""
+    book = ItemType((5, 6, 3), 50, 1.0, ANY)
+    narrow, large = BinType((5, 6, 20), 1.0), BinType((10, 10, 20), 1.0, max_weight=8.5)
+    assert bounds(Job((book,), (narrow,))).bins == 9
+    assert bounds(Job((book,), (narrow, large))).bins == 7
+    assert bounds(Job((replace(book, copies=6),), (narrow, large))).bins == 1
+
+
 @pytest.mark.parametrize(("light", "bins"), [(1e-9, 2), (0, 1)])
 def test_a_weight_that_is_a_billionth_too_much(light, bins):
     """1e9 + 1e-9 is 1e9 in floats."""

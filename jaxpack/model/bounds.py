@@ -24,6 +24,7 @@ WORK = 2**23  # products of lengths in scales, about: a tenth of a second
 LONGEST = 2**16  # units of a side of which it is found out what the items come to
 LIGHT = 40  # bits of a weight
 HEIGHTS = 12  # that are tried
+ALIKE = 4  # rows of items of which it is found out how many bins they need alone
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,7 @@ def _bins(need: Need) -> int:
 def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
     """What the bins of a plan have to come up to, in volume, weight and number."""
     groups = list(goods.groups())
+    yield from _alone(goods)
     prices = [np.ones(len(price))]
     if len(set(price.tolist())) > 1:
         prices.append(price)
@@ -217,6 +219,25 @@ def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
         if len(weights):
             lengths = weights[None, :, None]
             yield from scaled_needs(lengths, copies, limits[:, None], prices, WORK // 8)
+
+
+def _alone(goods: Goods) -> Iterator[Need]:
+    """Of the rows with most volume, how many of such items alone a bin holds: a whole number."""
+    volumes = goods.sizes[0].astype(float).prod(1)
+    for row in np.argsort(-volumes * goods.copies, kind="stable")[:ALIKE].tolist():
+        own = replace(goods, sizes=goods.sizes[:, [row]], copies=goods.copies[[row]])
+        volume, weight = math.prod(own.sizes[0, 0].tolist()), int(goods.weights[row])
+        most = [math.prod(room) // volume for room in _shrunk(own).tolist()]
+        if weight:
+            most = [
+                min(n, limit // weight)
+                for n, limit in zip(most, goods.limits.tolist(), strict=True)
+            ]
+        there = goods.fits[row].tolist()
+        yield Need(
+            int(goods.copies[row]),
+            tuple(n if fit else 0 for n, fit in zip(most, there, strict=True)),
+        )
 
 
 def _by_volume(goods: Goods) -> int:
