@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxpack.search.block_policy import Judge, Offer, features
-from jaxpack.search.filling import SHORTER, Axes, Block, Filling, Goods, Space, one_row
+from jaxpack.search.filling import SHORTER, Axes, Block, Filling, Goods, Space, rows_of
 from jaxpack.search.spaces import next_space, without
 
 
@@ -66,11 +66,11 @@ def _best_block(
     if nth is None:
         row = most.argmax(0)
     else:
-        row = one_row(xp, xp.argsort(-most, 0, stable=True), xp.minimum(nth, R - 1))
-    turn = one_row(xp, worth, row).argmax(0)
-    found = (one_row(xp, most, row) > -np.inf) & (nth is None or nth < R)
+        row = rows_of(xp, xp.argsort(-most, 0, stable=True), xp.minimum(nth, R - 1))
+    turn = rows_of(xp, worth, row).argmax(0)
+    found = (rows_of(xp, most, row) > -np.inf) & (nth is None or nth < R)
     row = row.astype(np.int32)
-    grid = one_row(xp, _grids(xp, axes, goods, now, space, row, np.arange(P))[0], turn)
+    grid = rows_of(xp, _grids(xp, axes, goods, now, space, row, np.arange(P))[0], turn)
     grid = xp.where(found, grid, 0)
     extent = xp.where(found, grid * goods.side[:, row, np.arange(P)], 0)
     near = xp.concatenate(

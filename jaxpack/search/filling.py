@@ -111,7 +111,11 @@ def some_lanes(of: Any, which: Any) -> Any:
     )
 
 
-def one_row(xp: Any, table: Any, index: Any) -> Any:
-    """[..., P] of [..., N, P]."""
-    shape = (1,) * (table.ndim - 1) + index.shape
-    return xp.take_along_axis(table, index.reshape(shape), -2)[..., 0, :]
+def rows_of(xp: Any, table: Any, index: Any) -> Any:
+    """Of [..., N, P] the rows at an index [P], or at several [n, P]: [..., P] or [..., n, P]."""
+    if xp is np:
+        *more, N, P = table.shape
+        return table.reshape(*more, N * P).take(index * P + np.arange(P), -1)  # half the time
+    several = index.reshape((1,) * (table.ndim - 2) + (-1, table.shape[-1]))
+    found = xp.take_along_axis(table, several, -2)
+    return found if index.ndim == 2 else found[..., 0, :]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxpack.search.filling import CUT, FAR, TOPS, Block, Filling, Goods, Space, one_row
+from jaxpack.search.filling import CUT, FAR, TOPS, Block, Filling, Goods, Space, rows_of
 
 
 def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
@@ -20,7 +20,7 @@ def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
         chosen = chosen & (key == key.min(0))
     volume = (now.high - now.low).astype(np.float32).prod(0)
     which = xp.where(chosen, volume, np.float32(-1)).argmax(0)
-    low, high = (one_row(xp, corners, which) for corners in (now.low, now.high))
+    low, high = (rows_of(xp, corners, which) for corners in (now.low, now.high))
     turned = low[:2] > goods.room[:2] - high[:2]
     carried = _carried(xp, now, low, high, turned)
     return Space(which, there.any(0), low, high, turned, carried)
@@ -29,13 +29,16 @@ def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
 def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
     """The largest rectangle at the corner that is all tops, or the floor: int32 [2, P]."""
     sides = high[:2] - low[:2]
-    beside = ((now.near[:2] < high[:2, None]) & (now.far[:2] > low[:2, None])).all(0)
-    carries = beside & (now.far[2] == low[2]) & (xp.arange(len(now.row))[:, None] < now.used)
+    # NumPy's arrays are as long as they have to be.
+    M = len(now.row) if xp is not np else max(1, int(now.used.max()))
+    nears, fars = now.near[:2, :M], now.far[:, :M]
+    beside = ((nears < high[:2, None]) & (fars[:2] > low[:2, None])).all(0)
+    carries = beside & (fars[2] == low[2]) & (xp.arange(M)[:, None] < now.used)
     nth = xp.cumsum(carries, 0)
     some = (nth == xp.arange(1, TOPS + 1)[:, None, None]) & carries  # [TOPS, M, P]
     there = some.any(1)
     index = some.argmax(1)
-    near, far = (xp.take_along_axis(side[:2], index[None], 1) for side in (now.near, now.far))
+    near, far = (rows_of(xp, side, index) for side in (nears, fars[:2]))
     # From the corner on.
     flip = turned[:, None]
     start = xp.maximum(xp.where(flip, high[:2, None] - far, near - low[:2, None]), 0)
@@ -47,7 +50,7 @@ def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
     whole = (covered == area) & there[:, None] & there[None]
     area = xp.where(whole, area, 0).reshape(TOPS * TOPS, -1)
     best = area.argmax(0)
-    found = xp.stack([one_row(xp, end[0], best // TOPS), one_row(xp, end[1], best % TOPS)])
+    found = xp.stack([rows_of(xp, end[0], best // TOPS), rows_of(xp, end[1], best % TOPS)])
     found = xp.where(area.max(0) > 0, found, 0)
     return xp.where(low[2] == 0, sides, found)
 
@@ -58,11 +61,10 @@ def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any
     there = (now.high > now.low).all(0)
     hit = ((now.low < far) & (now.high > near)).all(0) & there & block.found
     nth = xp.cumsum(hit, 0)
-    # NumPy's arrays are as long as they have to be.
     most = CUT if xp is not np else min(CUT, max(1, int(nth[-1].max())))
     some = (nth == xp.arange(1, most + 1)[:, None, None]) & hit  # [CUT, S, P]
     cut, index = some.any(1), some.argmax(1)
-    low, high = (xp.take_along_axis(side, index[None], 1) for side in (now.low, now.high))
+    low, high = (rows_of(xp, side, index) for side in (now.low, now.high))
     lows, highs = [], []
     for axis in range(3):
         along = (np.arange(3) == axis)[:, None, None]
@@ -76,8 +78,8 @@ def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any
     good = (high - low >= least[:, None]).all(0) & xp.concatenate([cut] * 6, 0)
     if xp is np:
         some = np.argsort(~good, 0, kind="stable")[: max(1, int(good.sum(0).max()))]
-        good = np.take_along_axis(good, some, 0)
-        low, high = (np.take_along_axis(side, some[None], 1) for side in (low, high))
+        good = rows_of(np, good, some)
+        low, high = (rows_of(np, side, some) for side in (low, high))
     stays = there & ~hit
     n = len(good)
     inside_old = (
@@ -93,7 +95,7 @@ def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any
     slot, which = xp.cumsum(~stays, 0), xp.cumsum(good, 0)
     match = (slot[:, None] == which[None]) & good[None] & ~stays[:, None]  # [S, 6 CUT, P]
     comes, source = match.any(1), match.argmax(1)
-    new_low, new_high = (xp.take_along_axis(side, source[None], 1) for side in (low, high))
+    new_low, new_high = (rows_of(xp, side, source) for side in (low, high))
     keep = stays & ~comes
     above = (now.low[2] == block.far[2]) & block.found
     above = above & ((now.low[:2] < far[:2]) & (now.high[:2] > near[:2])).all(0)
