@@ -9,7 +9,7 @@ import csv
 from public_instances import MPV_BOUNDS, add_data_option, data_file
 from rows import RESULTS, read_rows
 
-SUPPORTS = {"at least half": "0.5-inclusive", "any support": "0"}
+SUPPORTS = {"more than half": "0.5", "any support": "0"}
 Rows = list[dict[str, str]]
 
 
@@ -39,7 +39,7 @@ def main() -> None:
         }
         for name in ("2bp", "mpv")
     )
-    half = flat["at least half"]
+    half = flat["more than half"]
     by_class(half, {
         **{f"bins, {rule}": (rows, "bins") for rule, rows in flat.items()},
         "best known, free": (half, "best_known"),
@@ -47,11 +47,11 @@ def main() -> None:
     })  # fmt: skip
     known = csv.DictReader(bounds_file.read_text().splitlines())
     bounds = [row | {"cls": row["class"]} for row in known]
-    by_class(solid["at least half"], {
+    by_class(solid["more than half"], {
         **{f"bins, {rule}": (rows, "bins") for rule, rows in solid.items()},
         "L2": (bounds, "sum_mpv_l2"),
     })  # fmt: skip
-    for what in ("support-0.5", "support-0.5-inclusive", "support-0.5-inclusive-no-policy"):
+    for what in ("support-0.5", "support-0.5-1s", "support-1"):
         rows = read_rows(RESULTS / f"solve-ivancic-{what}.csv")
         bins, bound = (sum(int(row[name]) for row in rows) for name in ("bins", "lower_bound"))
         print(f"Ivancic, {what}: {bins} bins, bound {bound}, {len(rows)} instances")
