@@ -111,14 +111,14 @@ def instances(name: str, data: Path) -> list[Job]:
 
 def in_whole_numbers(job: Job) -> Job:
     """The same in the finest decimal that occurs: most peers take whole numbers only."""
-    (room,) = job.bins
-    scale = common_scale([*room.size, *(side for item in job.items for side in item.size)])
+    scale = common_scale([side for one in (*job.bins, *job.items) for side in one.size])
 
     def scaled(size: Sides) -> Whole:
         return whole(exact(side) * scale for side in size)
 
     items = tuple(replace(item, size=scaled(item.size)) for item in job.items)
-    return replace(job, items=items, bins=(replace(room, size=scaled(room.size)),))
+    bins = tuple(replace(room, size=scaled(room.size)) for room in job.bins)
+    return replace(job, items=items, bins=bins)
 
 
 def copies(job: Job) -> list[int]:
@@ -210,7 +210,7 @@ def room_for(job: Job, depth: int) -> Any:
     from packingsolver3d import BinType
 
     (room,) = job.bins
-    x, y, z = room.size
+    x, y, z = whole(room.size)
     limit = room.max_weight if room.max_weight < float("inf") else None
     return BinType(x, depth * y, z, copies=job.count, maximum_weight=limit)
 
@@ -220,7 +220,7 @@ def kinds_for(job: Job, depth: int) -> list[Any]:
 
     kinds = []
     for item in job.items:
-        (x, y, z), ways = item.size, [Rotation(name) for name in item.orientations]
+        (x, y, z), ways = whole(item.size), [Rotation(name) for name in item.orientations]
         about = {"weight": item.weight, "copies": item.copies, "rotations": ways}
         kinds.append(ItemType(x, depth * y, z, **about))
     return kinds
@@ -231,7 +231,7 @@ def shelves(job: Job, sizes: list[Whole]) -> list[tuple[int, Whole]]:
 
     A bin's first item is no earlier than its number, and bins are used in order.
     """
-    room, places = job.bins[0].size, []
+    room, places = whole(job.bins[0].size), []
     bin, x, y, z, depth, height = 0, 0, 0, 0, 0, 0
     for dx, dy, dz in sizes:
         if x + dx > room[0]:
@@ -259,7 +259,7 @@ def cpsat_2d(job: Job, seconds: float, seed: int) -> Bins:
     until = time.perf_counter() + seconds
     order, sizes = tallest_first(job)
     places = shelves(job, sizes)
-    model, (width, _, height) = cp_model.CpModel(), job.bins[0].size
+    model, (width, _, height) = cp_model.CpModel(), whole(job.bins[0].size)
     xs = [model.new_int_var(0, width - dx, "") for dx, _, _ in sizes]
     zs = [model.new_int_var(0, height - dz, "") for _, _, dz in sizes]
     inside = bins_in_order(model, len(sizes), places[-1][0] + 1)
@@ -311,7 +311,7 @@ def cpsat_3d(job: Job, seconds: float, seed: int) -> Bins:
     until = time.perf_counter() + seconds
     order, sizes = tallest_first(job)
     places = shelves(job, sizes)
-    model, room, last = cp_model.CpModel(), job.bins[0].size, places[-1][0]
+    model, room, last = cp_model.CpModel(), whole(job.bins[0].size), places[-1][0]
     bins = [model.new_int_var(0, min(turn, last), "") for turn in range(len(order))]
     corners = [[model.new_int_var(0, side, "") for side in room] for _ in order]
     turns = [ways_to_turn(model, job.items[index]) for index in order]
