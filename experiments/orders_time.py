@@ -30,7 +30,8 @@ from rows import RESULTS, read_rows, write_rows
 
 from jaxpack.io.jobs import read_job
 from jaxpack.model.job import Job
-from jaxpack.search.portfolio import Progress, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import Progress
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -17,7 +17,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
-from jaxpack.search.portfolio import Progress, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import Progress
 
 ALL, UP, FLAT = tuple(ORIENTATIONS), ("XYZ", "YXZ"), ("XYZ", "ZYX")
 

@@ -30,7 +30,8 @@ from rows import RESULTS, read_rows, write_rows
 from jaxpack.io.jobs import read_job
 from jaxpack.model.classes import mpv
 from jaxpack.model.job import Job
-from jaxpack.search.portfolio import End, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import End
 
 MPV_CLASSES, MPV_SIZES = (1, 4, 5, 6, 7, 8), (50, 100, 150, 200)
 

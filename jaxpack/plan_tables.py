@@ -12,7 +12,7 @@ from rich.text import Text
 
 from jaxpack.model.job import BinType, Job
 from jaxpack.model.objectives import objective_of
-from jaxpack.search.portfolio import Progress
+from jaxpack.search.record import Progress
 from jaxpack.solution import Solution
 
 NAMED = 5  # of many things the first few are named

@@ -23,7 +23,8 @@ from jaxpack.model.numbers import as_number, as_whole
 from jaxpack.model.objectives import gap, objective_of
 from jaxpack.model.units import fine_enough
 from jaxpack.packing.rules import rule_named
-from jaxpack.search.portfolio import End, Progress, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import End, Progress
 
 LARGEST_SEED = 2**32 - 1
 

@@ -27,7 +27,8 @@ from jaxpack.model.job import Job
 from jaxpack.model.plan_check import InvalidPlanError
 from jaxpack.orders import read_orders
 from jaxpack.plan_tables import Screen, counted, live_figures, plain_text, print_solutions, say
-from jaxpack.search.portfolio import Progress, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import Progress
 from jaxpack.solution import Solution, Status, checked_options, solution, solve
 
 TICK = 0.1  # seconds between two states of the live line

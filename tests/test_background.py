@@ -19,7 +19,8 @@ from jaxpack.model.job import BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search import background, portfolio
 from jaxpack.search.background import SearchProcess, borrow, give_back
-from jaxpack.search.portfolio import End, SolveOptions, improve, solve_job
+from jaxpack.search.portfolio import SolveOptions, improve, solve_job
+from jaxpack.search.record import End
 from jaxpack.search.requests import Request
 
 # The bound says three bins, which would have to be filled to the last few units: the search goes on

@@ -13,7 +13,8 @@ from test_background import JOB
 import jaxpack
 from jaxpack.model.encoding import compiles, load_job
 from jaxpack.model.job import BinType, ItemType, Job
-from jaxpack.search.portfolio import End, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.record import End
 from jaxpack.solution import Status
 
 FLAT = Job(

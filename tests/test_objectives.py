@@ -24,8 +24,9 @@ from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job
 from jaxpack.model.objectives import OBJECTIVES, Objective, Placed, bounds, objective_of
 from jaxpack.model.plan_check import InvalidPlanError, check_plan
 from jaxpack.plan_tables import figures_of_one
-from jaxpack.search.portfolio import End, SolveOptions, solve_job
+from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.quick import cost_of, pack_quickly, quick_plan
+from jaxpack.search.record import End
 from jaxpack.solution import Status
 
 

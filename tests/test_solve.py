@@ -24,8 +24,8 @@ from jaxpack.io.plans import read_plan_json
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
-from jaxpack.search.portfolio import End, Progress
 from jaxpack.search.quick import pack_quickly
+from jaxpack.search.record import End, Progress
 
 door = importlib.import_module("jaxpack.solve")
 

@@ -22,14 +22,16 @@ from jaxpack.model.encoding import (
 )
 from jaxpack.model.figures import plan_figures
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
 from jaxpack.model.units import units_of
+from jaxpack.search import portfolio
 from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.compiled import first_genes, packer_of, search
 from jaxpack.search.local_search import advance, bred, exchange, join, packed
 from jaxpack.search.packer import encode, first_fit, pack_lanes
 from jaxpack.search.policy_orders import policy_genes
-from jaxpack.search.portfolio import End, SolveOptions, improve, solve_job
+from jaxpack.search.portfolio import SolveOptions, improve, solve_job
 from jaxpack.search.quick import (
     cost_of,
     genes_of,
@@ -38,6 +40,7 @@ from jaxpack.search.quick import (
     runs_of,
     search_quickly,
 )
+from jaxpack.search.record import End
 
 WAYS = tuple(ORIENTATIONS)
 
@@ -230,6 +233,22 @@ def test_the_search_in_numpy_gets_better_than_the_sorts():
     for best in found[::25]:
         check_plan(job, plan_from(loading, best))
     assert [*search_quickly(loading, 0, first, lambda: True)] == [None]
+
+
+@pytest.mark.parametrize(
+    ("size", "copies", "room", "asked"),
+    [((1, 1, 1), 8, (2, 2, 2), 1), ((330, 88, 88), 17, (320, 490, 290), 2)],
+)
+def test_bounds_that_take_time_are_worked_out_where_the_first_plans_need_them(
+    size, copies, room, asked, monkeypatch
+):
+    """Eight cubes fill a bin; that 17 rods need two is not to be seen from their volume."""
+    calls = []
+    monkeypatch.setattr(portfolio, "bounds", lambda *given: calls.append(given) or bounds(*given))
+    job = Job((ItemType(size, copies, orientations=WAYS),), (BinType(room),))
+    found = solve_job(job, SolveOptions(20.0))
+    assert found.end == End.BOUND
+    assert found.bins == found.bounds.bins == asked == len(calls)
 
 
 @pytest.mark.slow

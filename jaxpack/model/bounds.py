@@ -206,13 +206,14 @@ def _bins(need: Need) -> int:
 def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
     """What the bins of a plan have to come up to, in volume, weight and number."""
     groups = list(goods.groups())
-    yield from _alone(goods)
     prices = [np.ones(len(price))]
     if len(set(price.tolist())) > 1:
         prices.append(price)
     for group in groups:
         count = max(_by_volume(group), _by_weight(group), l1_and_l2(group, halves=True)[1])
         yield Need(count, tuple((group.rooms.min(1) > 0).astype(int).tolist()))
+        if group is goods:
+            yield from _alone(goods)
         sizes, rooms = group.sizes[..., list(group.axes)], _shrunk(group)[:, list(group.axes)]
         yield from scaled_needs(sizes, group.copies, rooms, prices, WORK // len(groups))
         weights, copies, limits = _heavy(group)

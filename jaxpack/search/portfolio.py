@@ -2,25 +2,21 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from enum import Enum, auto
 from itertools import islice
 from math import inf
 from time import perf_counter
 
 import numpy as np
 
-from jaxpack.model.bounds import Bounds
-from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job, plan_of
-from jaxpack.model.figures import total_cost
-from jaxpack.model.job import Job, Plan
-from jaxpack.model.objectives import bounds, gap, objective_of
-from jaxpack.model.plan_check import check_plan
+from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job
+from jaxpack.model.job import Job
+from jaxpack.model.objectives import bounds
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
-from jaxpack.search.bin_types import cheapest_types
 from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.local_search import Best, better
 from jaxpack.search.quick import SORTS, quick_plan, search_quickly
+from jaxpack.search.record import End, Progress, Record
 from jaxpack.search.requests import Request
 
 SECONDS = 10.0
@@ -28,7 +24,8 @@ ALONE = 0.3  # share of the time in which orders are not searched, where most it
 UNCOMPILED = 48  # packings before the compiled search, where their number is given
 TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
-BOUNDING = 0.15  # share of the time that bounds may take
+QUICK = 2  # packings that most orders are done with, before bounds are worked out that take time
+BOUNDING = 0.15  # share of the time that these may take
 CHECKING = 100  # times as long as to sort the items it takes to decode a plan and to check it,
 PER_ITEM = 1e-4  # or so many seconds an item, where something else slowed the sorting down
 
@@ -63,53 +60,6 @@ class SolveOptions:
 def policy_name(dimension: int) -> str:
     """Which of the shipped policies draws orders."""
     return f"bin-aware-{dimension}d-turned"
-
-
-class End(Enum):
-    """What ends a search."""
-
-    BOUND = auto()  # no plan can be better
-    TIME = auto()
-    UNREADY = auto()  # time, before the compiled search was ready
-    BUDGET = auto()  # packings
-    INTERRUPT = auto()
-
-
-@dataclass(frozen=True)
-class Progress:
-    """The best plan so far. It has passed the check."""
-
-    job: Job
-    plan: Plan
-    bounds: Bounds
-    seconds: float  # since the start
-    packings: int  # tried so far
-    end: End | None  # of the search; None where it goes on
-
-    @property
-    def bins(self) -> int:
-        """How many are used."""
-        return len(self.plan.bins)
-
-    @property
-    def cost(self) -> float:
-        """Of all of them."""
-        return total_cost(self.job, self.plan)
-
-    @property
-    def measure(self) -> float:
-        """The number that is minimised first, or maximised: bins, their cost, value, height."""
-        return objective_of(self.job).measure(self.job, self.plan)
-
-    @property
-    def bound(self) -> float:
-        """What no plan's measure is better than."""
-        return self.bounds.best
-
-    @property
-    def gap(self) -> float | None:
-        """How far the measure is from the bound at most: see `objectives.gap`."""
-        return gap(self.job, self.plan, self.bounds)
 
 
 def solve_job(
@@ -156,8 +106,7 @@ def improve(
     """
     begun = perf_counter()
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-    bounding = BOUNDING * options.seconds if options.packings is None else None
-    record = _Record(job, loading, bounds(job, bounding), begun)
+    record = Record(job, loading, bounds(job, 0.0), begun)
     sorting = perf_counter()
     first = lane_genes(loading, options.seed, 0)
     checking = min(CHECKING * (perf_counter() - sorting), PER_ITEM * len(loading.items))
@@ -167,43 +116,20 @@ def improve(
         return perf_counter() > end or stop()
 
     searches = _Searches(loading, options, end, late)
-    for found, tried in searches.run(first):
-        if progress := record.with_one(found, tried):
-            yield progress
-            if progress.end:
+    tries = searches.run(first)
+    for some in (islice(tries, QUICK), tries):
+        for found, tried in some:
+            if progress := record.with_one(found, tried):
+                yield progress
+                if progress.end:
+                    return
+        if some is not tries and not late():
+            seconds = min(BOUNDING * options.seconds, end - perf_counter())
+            closer = bounds(job, seconds if options.packings is None else None)
+            if progress := record.bounded(closer):
+                yield progress
                 return
     yield record.progress(End.INTERRUPT if stop() else searches.end_of(record.packings))
-
-
-class _Record:
-    """The best plan that a search has met."""
-
-    def __init__(self, job: Job, loading: Loading, bounds: Bounds, begun: float) -> None:
-        self.job, self.loading, self.bounds, self.begun = job, loading, bounds, begun
-        self.packings, self.cost = 0, inf
-        self.plan: Plan | None = None
-
-    def with_one(self, found: Best | None, tried: int) -> Progress | None:
-        """With one packing more: the progress it is, None if it is none."""
-        self.packings += tried
-        if found is None or found.cost > self.cost - 1e-6:
-            return None
-        self.cost = found.cost
-        genes, loading = found.genes, self.loading
-        types = cheapest_types(loading, genes.turn, found.bin, found.corner)
-        plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
-        worth = loading.objective.worth(loading.job, plan)
-        if self.plan and worth >= loading.objective.worth(loading.job, self.plan):
-            return None
-        check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
-        self.plan = plan
-        return self.progress(End.BOUND if worth <= self.bounds.worth else None)
-
-    def progress(self, end: End | None) -> Progress:
-        """What there is now."""
-        assert self.plan, "the first packing is one"
-        seconds = perf_counter() - self.begun
-        return Progress(self.job, self.plan, self.bounds, seconds, self.packings, end)
 
 
 class _Searches:
@@ -218,10 +144,14 @@ class _Searches:
     ) -> None:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
-        kinds = len(np.unique(loading.stock.sizes[:, 0], axis=0))
+        stock = loading.stock
+        kinds = len(np.unique(stock.sizes[:, 0], axis=0))
+        alike = len(np.unique(np.column_stack([stock.sizes[:, 0], stock.weight]), axis=0))
         # Where most items have their like, orders of items are not worth searching from the start.
         self.fills = has_values(loading)
         self.orders_first = not self.fills or 2 * kinds > len(loading.items)
+        # It has learned from orders of copies in 3D.
+        self.learned = options.policy and not loading.flat and 2 * alike <= len(loading.items)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
         self.best: Best | None = None
@@ -268,9 +198,7 @@ class _Searches:
         loading, seed = self.loading, self.options.seed
         by_value = None
         if self.fills:
-            # It has learned from orders of copies in 3D.
-            learned = self.options.policy and not (loading.flat or self.orders_first)
-            judge = shipped() if learned else None
+            judge = shipped() if self.learned else None
             by_value = search_values(loading, seed, stop, self.end, lambda: self.best, judge)
         annealing = (
             (found, int(found is not None))
