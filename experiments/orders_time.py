@@ -1,7 +1,7 @@
 """What real orders take of bins in 0.1, 0.3, 1, 3 and 10 seconds each: one figure per set.
 
 pip install 'jaxpack[peers]'
-python experiments/orders_time.py [--only bookshop|ivancic|bed-bpp] [--data FOLDER] (40 minutes)
+python experiments/orders_time.py [--only bookshop|ivancic|bed-bpp] [--data FOLDER] (20 minutes)
 
 Every twentieth mail order, Ivancic's 47 and five pallets of BED-BPP; jaxpack with more than half of
 every base carried, and PackingSolver's box solver, which knows no support. Adds a row per set,
