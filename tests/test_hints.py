@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxpack.model.hints import scale_hint, unfit_hint
+from jaxpack.model.hints import scale_hint, unfit_hint, unfit_message
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 
 
@@ -78,3 +78,12 @@ def test_no_hint_where_nothing_hints_at_it(case):
 def test_no_hint_where_some_items_fit():
     items = (ItemType((40, 30, 20)), ItemType((400, 300, 200)))
     assert scale_hint(Job(items, (BinType((120, 80, 160)),))) is None
+
+
+def test_the_line_about_an_item_that_fits_nowhere_is_a_sentence():
+    scaled = job((400, 300, 200), ((120, 80, 160),))
+    large = Job((ItemType((9, 9, 9)), ItemType((1, 1, 1))), (BinType((8, 20, 20)),))
+    leave = "leave such items out with --skip-unfit"
+    assert unfit_message(scaled, [0], False).endswith(f"in cm? Or {leave}")
+    assert unfit_message(large, [0], False).endswith(f"give a larger bin; or {leave}")
+    assert unfit_message(scaled, [0], True).endswith("in cm?")

@@ -31,7 +31,9 @@ def unfit_message(job: Job, unfit: list[int], skipped: bool) -> str:
     if any(_fits(first, way, rooms) for way in first.orientations):
         wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
     advice = scale_hint(job) or unfit_hint(job, unfit[0])
-    advice += "" if skipped else "; or leave such items out with --skip-unfit"
+    if not skipped:
+        or_else = " Or" if advice.endswith("?") else "; or"
+        advice += f"{or_else} leave such items out with --skip-unfit"
     return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
 
 
