@@ -13,13 +13,20 @@ ITEMS = "X,Y,Z\n3,4,5\n"
 
 NEAR = [  # in the items, what is meant
     *((name, "COPIES") for name in ("QTY", "Quantity", "COUNT", "PCS", "COPPIES", "COPY")),
+    *(
+        (name, "COPIES")
+        for name in ("Quanity", "QTYS", "COPYS", "Qty (pcs)", "NUM_COPIES", "PIECE")
+    ),
+    *((name, "COPIES") for name in ("ORDER QTY", "No. of pieces")),
     *((name, "WEIGHT") for name in ("WEIGHT_KG", "Weight (kg)", "WEIGTH", "MASS", "WIEGHT")),
+    *((name, "WEIGHT") for name in ("GROSS_WEIGHT", "Item weight [lbs]")),
 ]
 NEAR_BINS = [
     *((name, "MAXIMUM_WEIGHT") for name in ("MAX_WEIGHT", "Max weight", "MAX_WEIGHT_KG", "WEIGHT")),
     *((name, "MAXIMUM_WEIGHT") for name in ("MAXIMUM WEIGHT", "MAXIMUM_WEIGTH", "PAYLOAD")),
+    *((name, "MAXIMUM_WEIGHT") for name in ("MAX_PAYLOAD", "LOAD", "Maximum load (t)", "CAPACTIY")),
     *((name, "COPIES") for name in ("STOCK", "QTY", "AVAILABLE")),
-    *((name, "COST") for name in ("PRICE", "COSTS")),
+    *((name, "COST") for name in ("PRICE", "COSTS", "PRICES", "Cost (EUR)", "FREIGHT_COST")),
 ]
 
 
@@ -47,6 +54,12 @@ def test_another_word_beside_the_right_column_is_a_column_of_its_own(tmp_path):
     job, notes = notes_of(tmp_path, items, BINS_3D)
     assert job.items[0].copies == 2
     assert notes == [f"{tmp_path / 'items.csv'}: columns not used: QTY"]
+
+
+@pytest.mark.parametrize("name", ["COUNTRY", "UNIT", "ORDER NUMBER", "COLOUR", "ARTICLE", "VALUE"])
+def test_another_word_is_no_near_miss(tmp_path, name):
+    _, notes = notes_of(tmp_path, f"X,Y,Z,{name}\n3,4,5,6\n", BINS_3D)
+    assert notes == [f"{tmp_path / 'items.csv'}: columns not used: {name}"]
 
 
 OF_ITEMS = {  # PackingSolver's columns: what asks for nothing, and what asks for something
@@ -108,6 +121,7 @@ def test_turning_is_said_as_the_dimension_has_it(tmp_path):
             BINS_3D,
             "column ROTATION_XYY is not known: use ROTATION",
         ),
+        ("X,Y,Z,Can rotate\n3,4,5,1\n", BINS_3D, "column CAN ROTATE is not known: use ROTATION"),
     ):
         assert_refused(lambda items=items, bins=bins: read(tmp_path, items, bins), what)
 
@@ -240,9 +254,17 @@ def test_no_copies_of_a_bin_are_none_of_it(tmp_path):
 
 
 def test_truth_as_spreadsheets_write_it(tmp_path):
-    items = "WIDTH,HEIGHT,ORIENTED\n3,4,TRUE\n3,4,false\n3,4,\n"
+    items = "WIDTH,HEIGHT,ORIENTED\n3,4,TRUE\n3,4,false\n3,4,\n3,4,0.0\n"
     (job,) = read(tmp_path, items, BINS_2D)
-    assert [item.orientations for item in job.items] == [("XYZ",), FLAT_TURNED, ("XYZ",)]
+    ways = [("XYZ",), FLAT_TURNED, ("XYZ",), FLAT_TURNED]
+    assert [item.orientations for item in job.items] == ways
+
+
+def test_what_says_neither_is_refused_with_what_does(tmp_path):
+    items = "WIDTH,HEIGHT,ORIENTED\n3,4,{}\n"
+    for value in ("WAHR", "2", "0.5"):
+        what = f"row 2, column ORIENTED: '{value}' says neither yes nor no: give 1 or 0"
+        assert_refused(lambda cell=value: read(tmp_path, items.format(cell), BINS_2D), what)
 
 
 def test_a_path_given_as_columns_is_no_table():

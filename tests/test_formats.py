@@ -160,7 +160,7 @@ BAD_ITEMS = [
         "row 3, column COPIES: 1000000 copies: more than 100,000 items in all",
     ),
     ("WIDTH,HEIGHT,WEIGHT\n3,5,-1\n", "row 2, column WEIGHT: -1 is not a weight"),
-    ("WIDTH,HEIGHT,ORIENTED\n3,5,2\n", "row 2, column ORIENTED: 2 is not possible"),
+    ("WIDTH,HEIGHT,ORIENTED\n3,5,2\n", "row 2, column ORIENTED: '2' says neither yes nor no"),
 ]
 
 
@@ -171,7 +171,10 @@ def test_bad_items_are_one_line_with_file_row_and_column(tmp_path, items, messag
 
 BAD_SOLID_ITEMS = [
     ("X,Y,Z,ROTATION_XYZ,ROTATION_YXZ\n1,2,3,1,0\n1,2,3,0,0\n", "row 3: columns ROTATION_XYZ, "),
-    ("X,Y,Z,ROTATION_XYZ\n1,2,3,yes\n", "row 2, column ROTATION_XYZ: 'yes' is not a number"),
+    (
+        "X,Y,Z,ROTATION_XYZ\n1,2,3,yes\n",
+        "row 2, column ROTATION_XYZ: 'yes' says neither yes nor no",
+    ),
     ("X,Y,Z,ROTATIONS\n1,2,3,63\n", "row 1: column ROTATIONS is not known: use ROTATION_XYZ"),
 ]
 

@@ -72,7 +72,12 @@ class Kind:
 
 
 _COUNTS = ("QTY", "QUANTITY", "COUNT", "AMOUNT", "PIECES", "PCS", "NUMBER", "UNITS", "COPY")
-_LOADS = ("WEIGHT", "MAX_WEIGHT", "MAXWEIGHT", "WEIGHT_LIMIT", "PAYLOAD", "MAX_LOAD", "CAPACITY")
+_LOADS = (
+    *("WEIGHT", "MAX_WEIGHT", "MAXWEIGHT", "WEIGHT_LIMIT", "WEIGHT_CAPACITY", "CAPACITY"),
+    *("LOAD", "MAX_LOAD", "MAXIMUM_LOAD", "PAYLOAD"),
+)
+_LAST = ("QTY", "QUANTITY", "PIECES", "PCS", "PAYLOAD")
+"""Words that mean the same at the end of a longer name. NUMBER, say, does not: an order has one."""
 
 _GOALS = {"VALUE": "PROFIT", "WORTH": "PROFIT", "REVENUE": "PROFIT", "PRICE": "PROFIT"}
 
@@ -103,7 +108,8 @@ _SOLID = (
     ("WIDTH", "DEPTH", "HEIGHT"),
 )
 """What some call the sides along x, y and z."""
-_WEIGHT_UNIT = re.compile(r"_(KGS?|G|LBS?|T|TONS?)$")
+_SUFFIX = re.compile(r"_(KGS?|G|LBS?|T|TONS?|EUR|USD|GBP)$")  # the unit of a weight or a cost
+_LONG = 6  # letters of a word that few others resemble
 
 
 @dataclass(frozen=True)
@@ -230,24 +236,32 @@ def _check_misnamed(table: Table, name: str, kind: Kind, dimension: int) -> None
         return
     flags = kind.flags[dimension]
     of_other = kind.flags[5 - dimension]
-    if flags and (name in of_other or name.startswith("ROTAT")):  # to ignore it would forbid
+    if flags and (name in of_other or "ROTAT" in name):  # to ignore it would forbid
         place = f" in {dimension}D" if name in of_other else ""  # what it allows
         raise fault(table.header, f"column {name} is not known{place}", f"use {', '.join(flags)}")
-    word = re.sub(r"[^A-Z0-9]+", "_", name).strip("_")
-    bare = _WEIGHT_UNIT.sub("", word)
-    known = (*kind.numbers, *flags)
-    if bare in known:
-        meant = bare
-    elif bare in kind.meant:
-        meant = kind.meant[bare]
-    else:
-        close = difflib.get_close_matches(bare, known, 1, 0.8) if len(bare) < 30 else []
-        if not close or _SIDE.fullmatch(name):
-            return
-        meant = close[0]
-    if meant not in table.columns:
+    meant = _meant(name, kind, flags)
+    if meant and meant not in table.columns:
         advice = f"Rename it, or leave it out of account with --ignore {show(name)}"
         raise fault(table.header, f"column {name} is not known; is {meant} meant? {advice}")
+
+
+def _meant(name: str, kind: Kind, flags: tuple[str, ...]) -> str:
+    """The known column that a name says in other words, misspelt or at its end; "" if none."""
+    bare = re.sub(r"(?<=.)[(\[].*", "", name)  # behind a bracket is a unit
+    bare = _SUFFIX.sub("", re.sub(r"[^A-Z0-9]+", "_", bare).strip("_"))
+    words = {column: column for column in (*kind.numbers, *flags)} | kind.meant
+    for word in (bare, bare.removesuffix("S")):
+        if word in words:
+            return words[word]
+    for word in (*kind.numbers, *_LAST):
+        if word in words and bare.endswith(f"_{word}"):
+            return words[word]
+    if len(bare) >= 30 or _SIDE.fullmatch(bare):
+        return ""
+    close = difflib.get_close_matches(bare, (*kind.numbers, *flags), 1, 0.8)
+    long = [word for word in kind.meant if len(word) >= _LONG]
+    close = close or difflib.get_close_matches(bare, long, 1, 0.85)
+    return words[close[0]] if close else ""
 
 
 def same_unit(items: Understood, bins: Understood, say: Say) -> Fraction:

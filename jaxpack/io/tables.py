@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpack.errors import UserError
 from jaxpack.io.texts import write_text
 from jaxpack.model.numbers import as_number, as_size, as_weight, as_whole, fault, plain, show
 
@@ -80,7 +81,11 @@ class Row:
             value = _FLAGS.get(value.strip().upper(), value)
         if value is None or isinstance(value, bool | np.bool_):
             return default if value is None else bool(value)
-        return as_whole(value, self.at(column), 0, 1) == 1
+        try:
+            return as_whole(value, self.at(column), 0, 1) == 1
+        except UserError:
+            what = f"{show(value)} says neither yes nor no"
+            raise fault(self.at(column), what, "give 1 or 0") from None
 
     def unlimited(self, column: str) -> bool:
         """Whether the cell holds an infinite number."""
