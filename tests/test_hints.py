@@ -53,7 +53,11 @@ def test_what_would_make_an_item_fit(case, hint):
         ),
         (
             job((40, 30, 20), ((1200, 800, 1600),), copies=100),
-            "0.16 % of a bin: are they in cm and",
+            "0.16 % of a bin: are they in cm and the bins in mm?",
+        ),
+        (
+            job((0.6, 0.4, 0.3), ((1200, 800, 1600),), copies=100),
+            "4.7e-07 % of a bin: are they in m and the bins in mm?",
         ),
     ],
 )
@@ -87,3 +91,7 @@ def test_the_line_about_an_item_that_fits_nowhere_is_a_sentence():
     assert unfit_message(scaled, [0], False).endswith(f"in cm? Or {leave}")
     assert unfit_message(large, [0], False).endswith(f"give a larger bin; or {leave}")
     assert unfit_message(scaled, [0], True).endswith("in cm?")
+    flat = job((800, 1, 1200), ((1200, 1, 800),), dimension=2)
+    assert "no bin can hold 800 x 1200 in an" in unfit_message(flat, [0], True)
+    fine = job((1234567.25, 57.45, 0.1 + 0.2), ((1234567, 100, 100),))
+    assert "no bin can hold 1234567.25 x 57.45 x 0.3 in" in unfit_message(fine, [0], True)

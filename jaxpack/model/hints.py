@@ -25,11 +25,11 @@ def unfit_message(job: Job, unfit: list[int], skipped: bool) -> str:
     first = job.items[unfit[0]]
     called = f" ({first.name})" if first.name else ""
     others = f" and {len(unfit) - 1} more" if len(unfit) > 1 else ""
-    sides = " x ".join(f"{side:g}" for side in first.size)
+    sides = " x ".join(f"{first.size[axis]:.13g}" for axis in job.axes)
     wrong = f"no bin can hold {sides} in an orientation that is allowed"
     rooms = [kind for kind in job.bins if kind.copies != 0]
     if any(_fits(first, way, rooms) for way in first.orientations):
-        wrong = f"weight {first.weight:g} is over the limit of every bin that has room for it"
+        wrong = f"weight {first.weight:.13g} is over the limit of every bin that has room for it"
     advice = scale_hint(job) or unfit_hint(job, unfit[0])
     if not skipped:
         or_else = " Or" if advice.endswith("?") else "; or"
@@ -81,10 +81,12 @@ def scale_hint(job: Job) -> str | None:
     if least == math.inf:
         return None
     share = math.fsum(item.copies * math.prod(item.size) for item in items) / least
-    if share >= TINY or not all(_scaled_fits(job, item, bins, 10.0) for item in items):
-        return None
-    what = f"all items together fill {100 * share:.2g} % of a bin"
-    return f"{what}: are they in cm and the bins in mm?"
+    for factor in (1000.0, 10.0):
+        if share < TINY and all(_scaled_fits(job, item, bins, factor) for item in items):
+            small, large = FACTORS[factor]
+            what = f"all items together fill {100 * share:.2g} % of a bin"
+            return f"{what}: are they in {large} and the bins in {small}?"
+    return None
 
 
 def _fits(item: ItemType, way: str, bins: Iterable[BinType]) -> bool:
