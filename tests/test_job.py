@@ -35,11 +35,13 @@ BAD = {
     "no turn": (ItemType((1, 1, 1), orientations=()), ROOM, "item 0: orientations (): give a"),
     "a turn of letters": (ItemType((1, 1, 1), orientations="XYZ"), ROOM, "'XYZ': give a tuple"),
     "a name": (ItemType((1, 1, math.nan), name="jar"), ROOM, "item 0 (jar), size: nan"),
+    "a number as name": (ItemType((1, 1, 1), name=3), ROOM, "item 0: name 3 is no text"),
+    "a name of bytes": (CUBE, BinType((9, 9, 9), name=b"x"), "bin 0: name b'x' is no text"),
     "a row": (ItemType((1, 1, -3), where="row 9"), ROOM, "row 9, size: -3 is not a size"),
     "a flat bin": (CUBE, BinType((10, 10, 0)), "bin 0, size: 0 is not a size"),
     "a bin of NaN": (CUBE, BinType((math.nan, 1, 1)), "bin 0, size: nan is not a finite number"),
     "half a bin": (CUBE, BinType((9, 9, 9), copies=0.5), "bin 0, copies: 0.5 is not possible"),
-    "a NaN limit": (CUBE, BinType((9, 9, 9), max_weight=math.nan), "bin 0, weight: nan is not"),
+    "a NaN limit": (CUBE, BinType((9, 9, 9), max_weight=math.nan), "bin 0, max_weight: nan is not"),
     "no item": ({"X": 1}, ROOM, "item 0: {'X': 1} is no ItemType"),
     "no bin": (CUBE, (9, 9, 9), "bin 0: (9, 9, 9) is no BinType"),
     "a cost": (CUBE, BinType((9, 9, 9), cost=-4), "bin 0, cost: -4 is not a cost"),
@@ -58,6 +60,12 @@ def test_what_is_no_job_is_one_line(name):
 def test_there_is_something_to_pack_and_something_to_pack_it_into():
     with pytest.raises(UserError, match="the job has no items"):
         Job((), (ROOM,))
+    with pytest.raises(UserError, match=r"items: ItemType.*: give a tuple of ItemType"):
+        Job(CUBE, (ROOM,))
+    with pytest.raises(UserError, match="bins: None: give a tuple of BinType"):
+        Job((CUBE,), None)
+    with pytest.raises(UserError, match="the job: name 7 is no text"):
+        Job((CUBE,), (ROOM,), name=7)
     with pytest.raises(UserError, match="the job has no bins"):
         Job((CUBE,), ())
     with pytest.raises(UserError, match="dimension: 4 is not known"):

@@ -102,8 +102,8 @@ class Job:
 
     Raises:
         UserError: in one line that names the item or the bin, where a number is no size, weight
-            or count, an orientation is not known, there is nothing to pack or nothing to pack
-            into, there are too many items, or in 2D a width is not 1.
+            or count, a name no text, an orientation is not known, there is nothing to pack or
+            nothing to pack into, there are too many items, or in 2D a width is not 1.
     """
 
     items: tuple[ItemType, ...]  # with their copies
@@ -118,6 +118,10 @@ class Job:
     def __post_init__(self) -> None:
         if self.dimension not in (2, 3):
             raise fault("dimension", f"{show(self.dimension)} is not known: give 2 or 3")
+        _check_name("the job", self.name)
+        for what, known in (("items", ItemType), ("bins", BinType)):
+            if not isinstance(entries := getattr(self, what), tuple | list):
+                raise fault(what, show(entries), f"give a tuple of {known.__name__}")
         items = tuple(_checked_item(n, item, self.dimension) for n, item in enumerate(self.items))
         bins = tuple(_checked_bin(n, kind, self.dimension) for n, kind in enumerate(self.bins))
         count = sum(item.copies for item in items)
@@ -213,6 +217,7 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
     if not isinstance(item, ItemType):
         raise fault(f"item {number}", f"{show(item)} is no ItemType")
     where = item.where or f"item {number}"
+    _check_name(where, item.name)
     where += f" ({item.name})" if item.name else ""
     ways = item.orientations
     if not isinstance(ways, tuple | list) or not ways:
@@ -224,7 +229,7 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
         item,
         size=_checked_sides(where, item.size, dimension),
         copies=as_whole(item.copies, f"{where}, copies", low=0),
-        weight=_checked_weight(where, item.weight),
+        weight=_checked_weight(f"{where}, weight", item.weight),
         profit=None if item.profit is None else clean(as_profit(item.profit, f"{where}, profit")),
         orientations=tuple(dict.fromkeys(ways)),
     )
@@ -234,6 +239,7 @@ def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
     if not isinstance(kind, BinType):
         raise fault(f"bin {number}", f"{show(kind)} is no BinType")
     where = kind.where or f"bin {number}"
+    _check_name(where, kind.name)
     where += f" ({kind.name})" if kind.name else ""
     cost, most = kind.cost, kind.max_weight
     return replace(
@@ -241,8 +247,13 @@ def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
         size=_checked_sides(where, kind.size, dimension, may_be_open=True),
         cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
-        max_weight=math.inf if _unlimited(most) else _checked_weight(where, most),
+        max_weight=math.inf if _unlimited(most) else _checked_weight(f"{where}, max_weight", most),
     )
+
+
+def _check_name(where: str, name: object) -> None:
+    if not isinstance(name, str):
+        raise fault(where, f"name {show(name)} is no text")
 
 
 def _unlimited(most: object) -> bool:
@@ -263,7 +274,7 @@ def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool =
 
 
 def _checked_weight(where: str, weight: float) -> float:
-    weight = clean(as_weight(weight, f"{where}, weight"))
+    weight = clean(as_weight(weight, where))
     fine = weight and decimals([weight]) > WEIGHT_DECIMALS
     return cut(weight, WEIGHT_DECIMALS) if fine else weight
 
