@@ -67,10 +67,10 @@ def figures_of_one(found: Solution) -> dict[str, str]:
             job.items[item].name or f"item {item}" for item in sorted(found.plan.left_out)
         )
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
-    if len(job.bins) > 1:
-        rows["minimised"] = goal.minimised
     if found.unpacked:
         rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
+    if len(job.bins) > 1:
+        rows["minimised"] = goal.minimised
     if job.rounded:
         rows["lengths"] = f"are cut off to {job.rounded:g}: finer ones have too many digits"
     return rows
