@@ -36,6 +36,8 @@ BAD = {
     "a turn of letters": (ItemType((1, 1, 1), orientations="XYZ"), ROOM, "'XYZ': give a tuple"),
     "a name": (ItemType((1, 1, math.nan), name="jar"), ROOM, "item 0 (jar), size: nan"),
     "a number as name": (ItemType((1, 1, 1), name=3), ROOM, "item 0: name 3 is no text"),
+    "a long number as name": (CUBE, BinType((9, 9, 9), name=10**5000), "name int of many digits"),
+    "a long number as turn": (ItemType((1, 1, 1), orientations=(10**5000,)), ROOM, "int of many"),
     "a name of bytes": (CUBE, BinType((9, 9, 9), name=b"x"), "bin 0: name b'x' is no text"),
     "a row": (ItemType((1, 1, -3), where="row 9"), ROOM, "row 9, size: -3 is not a size"),
     "a flat bin": (CUBE, BinType((10, 10, 0)), "bin 0, size: 0 is not a size"),

@@ -25,7 +25,10 @@ def fault(*parts: object) -> UserError:
 
 def show(value: object) -> str:
     """A value in a message, shortened."""
-    return reprlib.repr(value)
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python writes no int of more than 4300 digits
+        return f"{type(value).__name__} of many digits"
 
 
 def plain(number: float) -> int | float:
