@@ -7,6 +7,7 @@ from test_bin_values import UPRIGHT, job_of, plan
 from jaxpack.model.encoding import Rules, lane_genes, load_job
 from jaxpack.model.job import BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
+from jaxpack.search.beam import alone
 from jaxpack.search.between_bins import Between, filled_bins
 from jaxpack.search.bin_values import search_values
 from jaxpack.search.fillings import best_of, kinds_of
@@ -25,7 +26,7 @@ def improved(loading, rounds, seed=0, start=None):
     between.begin(filled_bins(kinds, start or sorted_packing(loading)))
     prices = [between.price_of(between.bins)]
     for _ in range(rounds):
-        between.round(lambda: False)
+        list(alone(between.round(lambda: False), lambda: False))
         prices.append(between.price_of(between.bins))
     return prices, best_of(kinds, between.bins)
 

@@ -16,6 +16,7 @@ from jaxpack.model.plan_check import check_plan
 from jaxpack.search import bin_values, filling
 from jaxpack.search.beam import fill
 from jaxpack.search.bin_types import cheapest_types
+from jaxpack.search.beam import alone
 from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.blocks import step
 from jaxpack.search.fillings import best_of, cover, kinds_of, longest_sums
@@ -77,6 +78,20 @@ def test_every_packing_is_a_plan_of_everything(rules, how):
         costs = [best.cost for best in packings]
         assert costs == sorted(costs, reverse=True)
         assert packings, "there are bins enough"
+
+
+def never():
+    return False
+
+
+def finished(search):
+    """What a search returns whose bins are filled for it alone."""
+    steps = alone(search, never)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 def test_nothing_floats_though_nothing_has_to_be_carried():
@@ -181,7 +196,7 @@ def test_what_the_cover_has_too_much_is_taken_out_from_the_top():
         kinds, random = kinds_of(loading), np.random.default_rng(seed)
         pool = {}
         for _ in range(6):
-            bins, _ = bin_values._pass(kinds, kinds.size, np.ones(1), random, lambda: False)
+            bins, _ = finished(bin_values._pass(kinds, kinds.size, np.ones(1), random, never))
             pool |= {one.held.tobytes(): one for one in bins}
         chosen = cover(kinds, [*pool.values()])
         assert (sum(one.times * one.held for one in chosen) >= kinds.count).all()

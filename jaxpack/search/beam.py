@@ -6,6 +6,9 @@ what it then holds. The best children are the next beam; of those that hold the 
 same places, in whatever order they came, there is one. Beams and children are lanes.
 """
 
+from collections.abc import Generator
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from jaxpack.search import filling
@@ -13,6 +16,35 @@ from jaxpack.search.blocks import step
 from jaxpack.search.filling import Filling, Goods, some_lanes
 from jaxpack.search.fillings import Kinds
 from jaxpack.search.quick import Stop
+
+
+class Asked(NamedTuple):
+    """Bins that a search waits for: whoever drives it sends them back filled, see `fill`."""
+
+    kinds: Kinds
+    goods: Goods
+
+
+Asking = Generator[Any, Any, Any]
+"""A search that yields what it finds, and `Asked` between."""
+
+
+def alone(search: Asking, stop: Stop) -> Asking:
+    """The same search, its bins filled for it alone.
+
+    Args:
+        search: of one job.
+        stop: as of `fill`.
+    """
+    filled = None
+    while True:
+        try:
+            event = search.send(filled)
+        except StopIteration as end:
+            return end.value
+        filled = fill(*event, stop) if isinstance(event, Asked) else None
+        if filled is None:
+            yield event
 
 
 def fill(kinds: Kinds, goods: Goods, stop: Stop, now: Filling | None = None) -> Filling:

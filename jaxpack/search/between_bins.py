@@ -9,11 +9,12 @@ are dissolved. Merging bins, emptying the least full one and packing several int
 ones are all of this kind.
 """
 
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxpack.search.beam import fill
+from jaxpack.search.beam import Asked
 from jaxpack.search.draws import by_size, drawn, filled_lane
 from jaxpack.search.filling import Filling
 from jaxpack.search.fillings import Filled, Kinds
@@ -72,7 +73,7 @@ class Between:
         """Of bins together."""
         return float(sum(self.price[one.type] for one in bins))
 
-    def round(self, stop: Stop) -> list[Filled]:
+    def round(self, stop: Stop) -> Generator[Asked, Filling, list[Filled]]:
         """Fills some of the bins anew, which may make `bins` cheaper; all fillings worth keeping.
 
         Args:
@@ -82,7 +83,7 @@ class Between:
         if not some and not len(types):
             self._dissolve()
             return []
-        lanes = self._fill(some, types, stop)
+        lanes = yield from self._fill(some, types)
         if stop():
             return []
         P = len(lanes.types)
@@ -140,7 +141,7 @@ class Between:
         most = LANES // FEWEST - 1
         return self.random.permutation(len(self.kept))[:most].tolist(), types
 
-    def _fill(self, some: list[int], types: np.ndarray, stop: Stop) -> _Lanes:
+    def _fill(self, some: list[int], types: np.ndarray) -> Generator[Asked, Filling, _Lanes]:
         kinds, random = self.kinds, self.random
         counts = [self.left + self.kept[n].held for n in some] + [self.left] * (len(types) > 0)
         count = np.array(counts)  # [G, K]
@@ -156,7 +157,7 @@ class Between:
         value = np.where(left > 0, self.value[which], 0)
         sums = np.concatenate([kinds.sums(row) for row in count])
         goods, swapped = drawn(kinds, which, value, left, of, sums, group, draw, random)
-        done = fill(kinds, goods, stop)
+        done = yield Asked(kinds, goods)
         return _Lanes(done, which, of, swapped, ((left - done.left) * value).sum(0))
 
     def _filled(self, lanes: _Lanes, lane: int) -> Filled:

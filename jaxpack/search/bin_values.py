@@ -9,7 +9,7 @@ Of a best subset, which has one bin, a beam looks for it instead.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 from itertools import count
 from time import perf_counter
@@ -17,11 +17,11 @@ from time import perf_counter
 import numpy as np
 
 from jaxpack.model.encoding import MOST_ITEMS, Loading
-from jaxpack.search.beam import fill, fill_by_beam
+from jaxpack.search.beam import Asked, Asking, alone, fill_by_beam
 from jaxpack.search.between_bins import Between, filled_bins
 from jaxpack.search.block_policy import Judge
 from jaxpack.search.draws import by_size, drawn, filled_lane
-from jaxpack.search.filling import Goods
+from jaxpack.search.filling import Filling, Goods
 from jaxpack.search.fillings import Filled, Kinds, best_of, cover, kinds_of
 from jaxpack.search.local_search import Best
 from jaxpack.search.quick import Stop
@@ -31,6 +31,7 @@ NOISE = 0.1  # of these, but for the first ones
 DRAWS, FEWEST, AT_ONCE = 32, 8, 3072
 """Fillings of a bin of which the best is taken; fewer where there are many kinds."""
 PRICED = 0.2  # noise on what the types of bins cost, from the second pass on
+ALL: tuple[int | None, ...] = (None,)  # draws of the passes: all that are worth it in every one
 BEAMS = ((8, 4, 4), (16, 2, 3))
 """(draws, width, children) of the beams, in turns, that look for a best subset after one pass."""
 COVER, POOL = 8, 512  # passes after which bins of all of them are put together, and how many
@@ -57,6 +58,25 @@ def search_values(
         known: the best packing of all searches, from which the rounds go on.
         judge: the policy that chooses blocks, if there is one.
     """
+    return alone(values_asked(loading, seed, stop, end, known, judge), stop)
+
+
+def values_asked(
+    loading: Loading,
+    seed: int,
+    stop: Stop,
+    end: float = math.inf,
+    known: Callable[[], Best | None] = lambda: None,
+    judge: Judge | None = None,
+    draws: Sequence[int | None] = ALL,
+) -> Asking:
+    """`search_values` for somebody who fills the bins that it asks for.
+
+    Args:
+        loading, seed, stop, end, known, judge: see there.
+        draws: fillings of a bin in the first passes, None for as many as are worth it, the last one
+            for all that follow. Rounds begin after the last one.
+    """
     kinds, random = kinds_of(loading, judge), np.random.default_rng([seed, 2])
     by_hand = replace(kinds, judge=None)
     price = loading.stock.price[kinds.bins].astype(float)
@@ -70,7 +90,15 @@ def search_values(
         beam = BEAMS[number % len(BEAMS)] if best_subset and number > 1 else None
         # Small orders have no time for more than one way: by hand first, and then in turns.
         mine = kinds if best_subset or number % 2 == 0 else by_hand
-        bins, left = _pass(mine, value, price * np.exp(noise), random, stop, beam)
+        bins, left = yield from _pass(
+            mine,
+            value,
+            price * np.exp(noise),
+            random,
+            stop,
+            beam,
+            draws[min(number, len(draws)) - 1],
+        )
         if stop() and not best_subset:
             return
         found.add(bins)
@@ -80,11 +108,11 @@ def search_values(
             if chosen := cover(kinds, [*found.pool.values()], seconds):
                 best = found.better(chosen) or best
         yield best, 1
-        for _ in range((len(bins) + 1) // 2 if rounds else 0):
+        for _ in range((len(bins) + 1) // 2 if rounds and number >= len(draws) else 0):
             found.look(known())
             if between.price_of(between.bins) > found.least + 1e-9 or not between.bins:
                 between.begin(found.bins)
-            found.add(between.round(stop))
+            found.add((yield from between.round(stop)))
             if stop():
                 return
             yield found.better(between.bins), 1
@@ -179,17 +207,18 @@ def _pass(
     random: np.random.Generator,
     stop: Stop,
     beam: tuple[int, int, int] | None = None,
-) -> tuple[list[Filled], np.ndarray]:
+    draws: int | None = None,
+) -> Generator[Asked, Filling, tuple[list[Filled], np.ndarray]]:
     """(bins, what is left, int [K]): one after the other, each by its value for its price [T]."""
     there = kinds.there.copy()
     left, bins = kinds.count.copy(), list[Filled]()
     while left.any() and (there > 0).any():
         types = np.flatnonzero(there > 0)
-        goods, swapped = _drawn(kinds, value, left, types, random, beam[0] if beam else None)
+        goods, swapped = _drawn(kinds, value, left, types, random, beam[0] if beam else draws)
         if beam:
             done = fill_by_beam(kinds, goods, value[left > 0], *beam[1:], stop)
         else:
-            done = fill(kinds, goods, stop)
+            done = yield Asked(kinds, goods)
         if stop() and not kinds.loading.objective.leaves_out:
             break
         held = left[left > 0, None] - done.left  # [kinds that are left, lanes]

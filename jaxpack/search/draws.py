@@ -9,6 +9,7 @@ from jaxpack.search.fillings import Filled, Kinds
 LARGER = 1.3  # exponent of the size in the first values: large items are worth more than theirs
 DRAWN, TURNED = 1.0, 0.6  # noise on the values of a draw at most, and on those of orientations
 LESS, MORE = 0.4, 0.4  # chance that a block is shorter along an axis, and then by one more
+PLAIN = 4  # draws whose blocks are as large as can be; two of these without noise
 STRICT = (0.25, 0.5, 1.0, 2.0)  # weights of spoiled volume that draws choose from
 
 
@@ -54,14 +55,14 @@ def drawn(
     noise += TURNED * random.random(P) * random.standard_normal(noise.shape)
     strict = random.choice(STRICT, P)
     less = np.zeros((3, len(rows), P), int)
-    if kinds.count.max() > 1:
+    if kinds.count.max() > 1 and (draw >= PLAIN).any():
         # In half of the lanes by the same number all the time, in the others from block to block.
         chance = random.random((filling.SHORTER, *less.shape))
         chance = np.where(draw % 4 < 2, chance[0], chance)
         shorter = np.where(chance < LESS, 1 + (chance < LESS * MORE) + (chance < LESS * MORE**2), 0)
         less = (shorter << 2 * np.arange(filling.SHORTER)[:, None, None, None]).sum(0)
     # The first two as they are, the next two with the largest blocks.
-    noise[:, draw < 2], strict[draw < 2], less[..., draw < 4] = 0, 1, 0
+    noise[:, draw < 2], strict[draw < 2], less[..., draw < PLAIN] = 0, 1, 0
     starts = (3 * table + np.arange(3)[:, None]) * sums.shape[1]
     goods = Goods(
         side=turned(side),

@@ -12,17 +12,18 @@ from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, 
 from jaxpack.model.job import Job
 from jaxpack.model.objectives import bounds
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
-from jaxpack.search.bin_values import has_values, search_values
+from jaxpack.search.beam import alone
+from jaxpack.search.bin_values import has_values
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.local_search import Best, better
-from jaxpack.search.quick import SORTS, quick_plan, search_quickly
+from jaxpack.search.quick import SORTS, quick_plan
 from jaxpack.search.record import End, Progress, Record
 from jaxpack.search.requests import Request
+from jaxpack.search.uncompiled import all_differ, search_uncompiled
 
 SECONDS = 10.0
 ALONE = 0.3  # share of the time in which orders are not searched, where most items have their like
 UNCOMPILED = 48  # packings before the compiled search, where their number is given
-TURN = 8  # packings of the annealing in NumPy after each pass of bins by value
 TICK = 0.05  # seconds between looks at the clock
 QUICK = 2  # packings that most orders are done with, before bounds are worked out that take time
 BOUNDING = 0.15  # share of the time that these may take
@@ -145,11 +146,10 @@ class _Searches:
         self.loading, self.options = loading, options
         self.end, self.late = end, late
         stock = loading.stock
-        kinds = len(np.unique(stock.sizes[:, 0], axis=0))
         alike = len(np.unique(np.column_stack([stock.sizes[:, 0], stock.weight]), axis=0))
         # Where most items have their like, orders of items are not worth searching from the start.
         self.fills = has_values(loading)
-        self.orders_first = not self.fills or 2 * kinds > len(loading.items)
+        self.orders_first = not self.fills or all_differ(loading)
         # It has learned from orders of copies in 3D.
         self.learned = options.policy and not loading.flat and 2 * alike <= len(loading.items)
         self.ready = True  # whether all that was asked has searched
@@ -194,27 +194,13 @@ class _Searches:
     def _quickly(
         self, best: Best, stop: Callable[[], bool], sorts: int = SORTS - 1
     ) -> Iterator[tuple[Best | None, int]]:
-        """What nobody has to compile: bins by value, and sorts and annealing, in turns."""
-        loading, seed = self.loading, self.options.seed
-        by_value = None
-        if self.fills:
-            judge = shipped() if self.learned else None
-            by_value = search_values(loading, seed, stop, self.end, lambda: self.best, judge)
-        annealing = (
-            (found, int(found is not None))
-            for found in search_quickly(loading, seed, best, stop, sorts)
-        )
-        if by_value:
-            yield from islice(by_value, 1)
-        if self.orders_first:
-            yield from islice(annealing, sorts)
-        while not stop():
-            if by_value:
-                yield from islice(by_value, 1)
-            if self.orders_first and not self.compiled:
-                yield from islice(annealing, TURN)
-            elif not by_value:
-                yield None, 0
+        """What nobody has to compile."""
+        judge = shipped() if self.learned else None
+        search = search_uncompiled(
+            self.loading, self.options.seed, stop, best, self.end, lambda: self.best, judge,
+            sorts=sorts, others=lambda: self.compiled,
+        )  # fmt: skip
+        return alone(search, stop)
 
     def _counted(self, best: Best, left: int) -> Iterator[tuple[Best | None, int]]:
         """So many packings, whatever the clock says: some that nobody compiles, the compiled
