@@ -60,7 +60,7 @@ def fill(kinds: Kinds, goods: Goods, stop: Stop, now: Filling | None = None) -> 
     done, lanes = Filling(*map(np.array, now)), np.arange(len(now.used))
     while (going := filling.goes_on(now)).any() and not stop():
         if 2 * going.sum() <= len(going):  # the others are done
-            _put(done, lanes, now)
+            _put(done, lanes[~going], some_lanes(now, ~going))
             lanes, now, goods = lanes[going], some_lanes(now, going), some_lanes(goods, going)
         now = step(np, kinds.axes, goods, now, judge=kinds.judge)
     _put(done, lanes, now)

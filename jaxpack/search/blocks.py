@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxpack.search.block_policy import Judge, Offer, features
-from jaxpack.search.filling import SHORTER, Axes, Block, Filling, Goods, Space, rows_of
+from jaxpack.search.filling import SHORTER, Axes, Block, Filling, Goods, Space, rows_of, some_lanes
 from jaxpack.search.spaces import next_space, without
 
 
@@ -26,8 +26,7 @@ def step(
     space = next_space(xp, goods, now)
     block = _best_block(xp, axes, goods, now, space, nth, judge)
     asleep = (xp.arange(len(now.awake))[:, None] == space.which) & ~block.found
-    low, high, awake = without(xp, goods, now, block)
-    here = (xp.arange(len(now.row))[:, None] == now.used) & block.found
+    low, high, awake = _spaces(xp, goods, now, block)
     K, R = len(goods.count), goods.side.shape[1]
     mine = (xp.arange(K)[:, None] == block.row // (R // K)) & block.found
     taken = xp.where(mine, block.grid.prod(0), 0).astype(np.int32)
@@ -37,31 +36,66 @@ def step(
         low,
         high,
         awake & ~asleep & ~over,
-        xp.where(here, block.near[:, None], now.near),
-        xp.where(here, block.far[:, None], now.far),
-        xp.where(here, block.row, now.row).astype(np.int32),
-        xp.where(here, block.grid[:, None], now.grid).astype(np.int32),
+        _with(xp, now.near, block.near, now.used, block.found),
+        _with(xp, now.far, block.far, now.used, block.found),
+        _with(xp, now.row, block.row, now.used, block.found),
+        _with(xp, now.grid, block.grid, now.used, block.found),
         used,
         left,
         now.load - (taken * goods.weight).sum(0).astype(np.int32),
     )
 
 
+def _with(xp: Any, table: Any, values: Any, index: Any, found: Any) -> Any:
+    """[..., M, P] with values [..., P] at an index [P] where they are found."""
+    if xp is np:
+        new, some = table.copy(), np.flatnonzero(found)
+        new[..., index[some], some] = values[..., some]
+        return new
+    here = (xp.arange(table.shape[-2])[:, None] == index) & found
+    return xp.where(here, values[..., None, :], table).astype(np.int32)
+
+
+def _spaces(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any, Any]:
+    """(low, high, awake) of the spaces that are left."""
+    if xp is not np or 4 * block.found.sum() > 3 * len(block.found):
+        return without(xp, goods, now, block)
+    old = now.low.copy(), now.high.copy(), now.awake.copy()
+    some = np.flatnonzero(block.found)
+    if len(some):
+        new = without(np, some_lanes(goods, some), some_lanes(now, some), some_lanes(block, some))
+        for all_lanes, few in zip(old, new, strict=True):
+            all_lanes[..., some] = few
+    return old
+
+
 def _best_block(
     xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space, nth: Any, judge: Judge | None
 ) -> Block:
+    choose = _of_some if xp is np else _of_all
+    found, row, grid = choose(xp, axes, goods, now, space, nth, judge)
+    row = row.astype(np.int32)
+    grid = xp.where(found, grid, 0)
+    extent = xp.where(found, grid * goods.side[:, row, np.arange(len(row))], 0)
+    near = xp.concatenate(
+        [xp.where(space.turned, space.high[:2] - extent[:2], space.low[:2]), space.low[2:]]
+    )
+    return Block(found, row, grid, near, near + extent)
+
+
+def _of_all(
+    xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space, nth: Any, judge: Judge | None
+) -> tuple[Any, Any, Any]:
+    """(found bool [P], row int [P], grid int32 [3, P]) of the best of all blocks, where the number
+    of those that can stand must be known before.
+    """
     R, P = goods.side.shape[1:]
-    row, lane = _offered(xp, goods, now, space)
-    grid, again = _grids(xp, axes, goods, now, space, row, lane)
+    row, lane = np.repeat(np.arange(R), P), np.tile(np.arange(P), R)
+    grid, _ = _grids(xp, axes, goods, now, space, row, lane)
     V = grid.shape[1]
-    if xp is np:
-        turn, which = np.nonzero((grid[0] > 0) & ~again)
-        row, lane, grid = row[which], lane[which], grid[:, turn, which]
-        worth = np.full((V, R, P), -np.inf, np.float32)
-        worth[turn, row, lane] = _worth(xp, goods, now, space, row, lane, grid, judge)
-    else:
-        row, lane, grid = np.tile(row, V), np.tile(lane, V), grid.reshape(3, -1)
-        worth = _worth(xp, goods, now, space, row, lane, grid, judge).reshape(V, R, P)
+    row, lane = np.tile(row, V), np.tile(lane, V)
+    worth = _worth(xp, goods, now, space, row, lane, grid.reshape(3, -1), judge)
+    worth = worth.reshape(V, R, P)
     most = worth.max(0)
     if nth is None:
         row = most.argmax(0)
@@ -69,27 +103,33 @@ def _best_block(
         row = rows_of(xp, xp.argsort(-most, 0, stable=True), xp.minimum(nth, R - 1))
     turn = rows_of(xp, worth, row).argmax(0)
     found = (rows_of(xp, most, row) > -np.inf) & (nth is None or nth < R)
-    row = row.astype(np.int32)
-    grid = rows_of(xp, _grids(xp, axes, goods, now, space, row, np.arange(P))[0], turn)
-    grid = xp.where(found, grid, 0)
-    extent = xp.where(found, grid * goods.side[:, row, np.arange(P)], 0)
-    near = xp.concatenate(
-        [xp.where(space.turned, space.high[:2] - extent[:2], space.low[:2]), space.low[2:]]
-    )
-    return Block(found, row, grid, near, near + extent)
+    grid = rows_of(xp, rows_of(xp, grid.reshape(3, V, R, P), row), turn)
+    return found, row, grid
 
 
-def _offered(xp: Any, goods: Goods, now: Filling, space: Space) -> tuple[Any, Any]:
-    """(row int [C], lane int [C]) of the items that a block may be of; of all where their number
-    must be known before.
-    """
-    R, P = goods.side.shape[1:]
-    if xp is not np:
-        return np.repeat(np.arange(R), P), np.tile(np.arange(P), R)
+def _of_some(
+    xp: Any, axes: Axes, goods: Goods, now: Filling, space: Space, nth: Any, judge: Judge | None
+) -> tuple[Any, Any, Any]:
+    """The same of the blocks of items that fit into their space, a tenth of all."""
+    P = goods.side.shape[2]
     fits = (goods.side <= (space.high - space.low)[:, None]).all(0) & space.there
-    kind = np.arange(R) // (R // len(goods.count))
-    row, lane = np.nonzero(fits & (now.left > 0)[kind])  # a tenth
-    return row, lane
+    kind = np.arange(len(fits)) // (len(fits) // len(goods.count))
+    lane, row = np.nonzero((fits & (now.left > 0)[kind]).T)
+    if not len(row):
+        return np.zeros(P, bool), np.zeros(P, int), np.zeros((3, P), np.int32)
+    grid, again = _grids(np, axes, goods, now, space, row, lane)
+    turn, which = np.nonzero((grid[0] > 0) & ~again)
+    worth = np.full(grid.shape[1:], -np.inf, np.float32)
+    worth[turn, which] = _worth(
+        np, goods, now, space, row[which], lane[which], grid[:, turn, which], judge
+    )
+    most = worth.max(0)
+    order = np.lexsort((-most, lane))  # stable: of equal ones the first row
+    nth = 0 if nth is None else nth
+    place = np.searchsorted(lane, np.arange(P)) + nth
+    there = nth < np.bincount(lane, minlength=P)
+    best = order[np.minimum(place, len(order) - 1)]
+    return there & (most[best] > -np.inf), row[best], grid[:, worth[:, best].argmax(0), best]
 
 
 def _grids(

@@ -64,8 +64,10 @@ def drawn(
     # The first two as they are, the next two with the largest blocks.
     noise[:, draw < 2], strict[draw < 2], less[..., draw < PLAIN] = 0, 1, 0
     starts = (3 * table + np.arange(3)[:, None]) * sums.shape[1]
+    side = turned(side)
     goods = Goods(
-        side=turned(side),
+        side=side,
+        shortest=side.reshape(3, K, ways, P).min(2),
         needed=kinds.needed[rows],
         value=(np.repeat(value, ways, 0) * np.exp(noise)).astype(np.float32),
         weight=kinds.weight[which],

@@ -30,6 +30,7 @@ class Goods(NamedTuple):
     """What may come into the bins. R rows are K kinds, each in O orientations."""
 
     side: Any  # int32 [3, R, P], units; FAR for an orientation that there is not
+    shortest: Any  # int32 [3, K, P], along each axis, of a kind however it is turned
     needed: Any  # int32 [R, P], area of an item's base that must be carried, 1 or more
     value: Any  # float32 [R, P], of an item as it stands, in units of volume
     weight: Any  # int32 [K, P]

@@ -93,6 +93,16 @@ class Record:
         at_them = self.loading.objective.worth(self.job, self.plan) <= bounds.worth
         return self.progress(End.BOUND) if at_them else None
 
+    def with_other(self, found: Progress) -> End | None:
+        """With what another search of the job has found: `BOUND` if the plan is at it."""
+        self.packings += found.packings
+        worth = self.loading.objective.worth
+        assert self.plan, "the first packing is one"
+        if worth(self.job, found.plan) < worth(self.job, self.plan):
+            self.plan = found.plan
+        self.bounds = max(self.bounds, found.bounds, key=lambda one: one.worth)
+        return End.BOUND if worth(self.job, self.plan) <= self.bounds.worth else None
+
     def progress(self, end: End | None) -> Progress:
         """What there is now."""
         assert self.plan, "the first packing is one"

@@ -10,6 +10,9 @@ from jaxpack.search.filling import CUT, FAR, TOPS, Block, Filling, Goods, Space,
 def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
     """The lowest one that is awake, the one nearest to a corner of these, the largest of these."""
     there = now.awake & (now.high > now.low).all(0)
+    if xp is np:  # as many slots as are used
+        there = there[: _last(there)]
+        now = now._replace(low=now.low[:, : len(there)], high=now.high[:, : len(there)])
     length, width, _ = goods.room[:, None]
     corner = xp.minimum(now.low[0], length - now.high[0]) + xp.minimum(
         now.low[1], width - now.high[1]
@@ -58,7 +61,10 @@ def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
 def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any, Any]:
     """(low, high, awake) of the spaces that are left around the block."""
     near, far = block.near[:, None], block.far[:, None]
-    there = (now.high > now.low).all(0)
+    S, there = len(now.awake), (now.high > now.low).all(0)
+    if xp is np:
+        there = there[: _last(there)]
+        now = now._replace(low=now.low[:, : len(there)], high=now.high[:, : len(there)])
     hit = ((now.low < far) & (now.high > near)).all(0) & there & block.found
     nth = xp.cumsum(hit, 0)
     most = CUT if xp is not np else min(CUT, max(1, int(nth[-1].max())))
@@ -71,10 +77,7 @@ def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any
         lows += [low, xp.where(along, far, low)]
         highs += [xp.where(along, near, high), high]
     low, high = xp.concatenate(lows, 1), xp.concatenate(highs, 1)  # [3, 6 CUT, P]
-    waiting = (now.left > 0)[
-        np.arange(goods.side.shape[1]) // (goods.side.shape[1] // len(now.left))
-    ]
-    least = xp.where(waiting, goods.side, FAR).min(1)
+    least = xp.where(now.left > 0, goods.shortest, FAR).min(1)
     good = (high - low >= least[:, None]).all(0) & xp.concatenate([cut] * 6, 0)
     if xp is np:
         some = np.argsort(~good, 0, kind="stable")[: max(1, int(good.sum(0).max()))]
@@ -91,16 +94,26 @@ def without(xp: Any, goods: Goods, now: Filling, block: Block) -> tuple[Any, Any
     earlier = (np.arange(n)[:, None] > np.arange(n)[None])[:, :, None]
     inside_new = (inside & good[None] & (~same | earlier)).any(1)
     good = good & ~inside_old & ~inside_new
+    more = (S if xp is not np else min(S, len(stays) + n)) - len(stays)
+    stays = xp.pad(stays, ((0, more), (0, 0)))
+    old_low, old_high = (xp.pad(old, ((0, 0), (0, more), (0, 0))) for old in (now.low, now.high))
     # The n-th of them into the n-th slot that is free.
     slot, which = xp.cumsum(~stays, 0), xp.cumsum(good, 0)
     match = (slot[:, None] == which[None]) & good[None] & ~stays[:, None]  # [S, 6 CUT, P]
     comes, source = match.any(1), match.argmax(1)
     new_low, new_high = (rows_of(xp, side, source) for side in (low, high))
     keep = stays & ~comes
-    above = (now.low[2] == block.far[2]) & block.found
-    above = above & ((now.low[:2] < far[:2]) & (now.high[:2] > near[:2])).all(0)
+    above = (old_low[2] == block.far[2]) & block.found
+    above = above & ((old_low[:2] < far[:2]) & (old_high[:2] > near[:2])).all(0)
+    rest = ((0, S - len(comes)), (0, 0))
     return (
-        xp.where(comes, new_low, xp.where(keep, now.low, 0)),
-        xp.where(comes, new_high, xp.where(keep, now.high, 0)),
-        comes | (keep & (now.awake | above)),
+        xp.pad(xp.where(comes, new_low, xp.where(keep, old_low, 0)), ((0, 0), *rest)),
+        xp.pad(xp.where(comes, new_high, xp.where(keep, old_high, 0)), ((0, 0), *rest)),
+        xp.pad(comes | (keep & (now.awake[: len(comes)] | above)), rest),
     )
+
+
+def _last(there: np.ndarray) -> int:
+    """How many rows of [S, P] have something, up to the last of these."""
+    rows = np.flatnonzero(there.any(1))
+    return int(rows[-1]) + 1 if len(rows) else 1

@@ -4,7 +4,7 @@ What a bin of one search holds does not depend on those of others beside it.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,6 +15,8 @@ from jaxpack.search.filling import FAR, Filling, Goods
 from jaxpack.search.quick import Stop
 
 AT_ONCE = 2048  # lanes
+Fill = Callable[[Sequence[Asked], Stop], list[Filling]]
+"""Fills bins that searches ask for, as `fill_together` does."""
 
 
 def fill_together(asked: Sequence[Asked], stop: Stop) -> list[Filling]:
@@ -65,6 +67,7 @@ def stacked(goods: Sequence[Goods]) -> Goods:
     ways = goods[0].side.shape[1] // len(goods[0].count)
     empty = {
         "side": np.full((3, K * ways, ends[-1]), FAR, np.int32),
+        "shortest": np.full((3, K, ends[-1]), FAR, np.int32),
         "needed": np.ones((K * ways, ends[-1]), np.int32),
         "value": np.zeros((K * ways, ends[-1]), np.float32),
         "weight": np.zeros((K, ends[-1]), np.int32),

@@ -1,53 +1,59 @@
-"""Many orders packed side by side: every bin that one of them fills is filled together with others.
+"""Many orders packed side by side: the bins that they fill are filled together.
 
-At first all get a plan, quickly; then those that are above their bound go on, the ones with fewer
-packings so far before the others. What is found of an order depends on it, the seed and the number
-of packings alone, not on the orders beside it.
+All of them get a plan first. Those that are not at their bound go on, the ones that had fewer
+packings before the others; what is left of much time in the end goes to a search of its own for
+each of those that could still win. What is found for an order depends on it, the seed and the
+number of packings alone, not on the orders beside it.
 """
 
-import heapq
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import batched, count
-from math import inf
+from itertools import islice
 from time import perf_counter
 from typing import Any
 
 from jaxpack.errors import UserError
-from jaxpack.model.encoding import load_job
+from jaxpack.model.encoding import lane_genes, load_job
 from jaxpack.model.job import Job
 from jaxpack.model.objectives import bounds
-from jaxpack.search.beam import Asked, Asking
-from jaxpack.search.bin_values import has_values
+from jaxpack.search.beam import Asked
 from jaxpack.search.local_search import Best, better
-from jaxpack.search.portfolio import SolveOptions
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.quick import quick_plan
 from jaxpack.search.record import End, Progress, Record
-from jaxpack.search.together import Filler, fill_together
+from jaxpack.search.together import Fill, fill_together
 from jaxpack.search.uncompiled import search_uncompiled
 
 DRAWS = (1, 4, 8, 16, None)  # fillings of a bin in the first passes: most orders need no more
-WINDOW = 512  # orders that are searched at a time
-LESSER = 16  # packings of an order that counts once, where only what comes after the measure counts
-BOUNDED = {4: 0.02, 16: 0.2}  # packings -> seconds for the bounds then
+WINDOW = 512  # orders that are searched side by side
+LESSER = 16  # packings that count as one where only what comes after the measure can be won
+BOUNDED = {4: 0.02, 16: 0.2}  # packings -> seconds for better bounds then
+DEEP, SHARE = 32, 1.0  # packings after which an order may be searched alone, for so many seconds
+
+Tell = Callable[[int, Progress], object]
+"""Takes the number of an order and its progress."""
 
 
 class _Order:
-    """One of them, and how far it is."""
+    """How far one of them is."""
 
     def __init__(self, number: int, job: Job, options: SolveOptions, stop: Callable[[], bool]):
         begun = perf_counter()
         loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-        self.number = number
+        self.number, self.job, self.loading = number, job, loading
         self.record = Record(job, loading, bounds(job, 0.0), begun)
         self.best: Best | None = None
         self.search = search_uncompiled(
             loading, options.seed, stop, known=lambda: self.best, draws=DRAWS
         )
         self.filled: Any = None
-        self.now: Progress | None = None
+        self.turns = 0
+        self.above = True  # whether the measure itself may be better
+        self.ended: End | None = None
 
     def go_on(self) -> Asked | None:
-        """Until bins must be filled; None after each packing, or where it was stopped."""
+        """Until bins have to be filled, or to the end of a packing: None."""
         try:
             event = self.search.send(self.filled)
         except StopIteration:
@@ -55,8 +61,143 @@ class _Order:
         self.filled = None
         if isinstance(event, Asked):
             return event
-        found, tried = event
+        self.take(*event)
+        return None
+
+    def take(self, found: Best | None, tried: int) -> None:
+        """A packing, if there is one."""
+        self.turns += 1
         if found:
             self.best = better(self.best or found, found)
-        self.now = self.record.with_one(found, tried) or self.record.progress(None)
-        return None
+        if progress := self.record.with_one(found, tried):
+            self.ended, self.above = progress.end, progress.gap != 0
+
+    def bound(self, seconds: float | None) -> None:
+        """Looks for better bounds."""
+        if progress := self.record.bounded(bounds(self.job, seconds)):
+            self.ended = progress.end
+        self.above = self.record.progress(None).gap != 0
+
+    @property
+    def rank(self) -> float:
+        """The lower, the earlier it goes on."""
+        return self.turns * (1 if self.above else LESSER)
+
+
+def pack_wave(
+    jobs: Sequence[Job],
+    options: SolveOptions,
+    stop: Callable[[], bool] = lambda: False,
+    tell: Tell = lambda number, found: None,
+    fill: Fill = fill_together,
+) -> list[Progress | UserError | None]:
+    """For every order its last progress, what is wrong with it, or None if it was not begun.
+
+    Args:
+        jobs: of the orders.
+        options: seconds are those for all of them together, packings those for each.
+        stop: asked many times a second; ends the searches early.
+        tell: called with the first plan of every order, and when it ends.
+        fill: what fills the bins.
+    """
+    wave = _Wave(options, stop, tell, fill, [None] * len(jobs))
+    rest = iter(enumerate(jobs))
+    while not stop() and (some := list(islice(rest, WINDOW))):
+        wave.begin(some)
+    while wave.waiting and not wave.late():
+        if wave.share():
+            wave.search_alone()
+            break
+        wave.go_on()
+    wave.close(wave.waiting)
+    return wave.ended
+
+
+class _Wave:
+    """Orders on their way."""
+
+    def __init__(
+        self,
+        options: SolveOptions,
+        stop: Callable[[], bool],
+        tell: Tell,
+        fill: Fill,
+        ended: list[Progress | UserError | None],
+    ) -> None:
+        self.options, self.stop, self.tell, self.fill = options, stop, tell, fill
+        self.ended = ended
+        self.waiting = list[_Order]()
+        self.end = perf_counter() + options.seconds
+
+    def late(self) -> bool:
+        """Whether there is no time left."""
+        return perf_counter() > self.end or self.stop()
+
+    def begin(self, jobs: Sequence[tuple[int, Job]]) -> None:
+        """With a plan for each of some orders, however late it is."""
+        new = []
+        for number, job in jobs:
+            try:
+                new.append(_Order(number, job, self.options, self.late))
+            except UserError as error:
+                self.ended[number] = error
+        self.pack(new)
+        for one in new:
+            if one.record.plan is None:
+                genes = lane_genes(one.loading, self.options.seed, 0)
+                one.take(quick_plan(one.loading, genes, self.late), 1)
+            self.tell(one.number, one.record.progress(one.ended))
+        self.keep(new)
+
+    def go_on(self) -> None:
+        """With those that are next."""
+        self.waiting.sort(key=lambda one: (one.rank, one.number))
+        most = self.waiting[0].rank + 1
+        some = [one for one in self.waiting[:WINDOW] if one.rank < most]
+        self.waiting = self.waiting[len(some) :]
+        self.pack(some)
+        for one in some:
+            if one.turns in BOUNDED and one.above and not one.ended and not self.late():
+                one.bound(None if self.options.packings else BOUNDED[one.turns])
+        self.keep(some)
+
+    def pack(self, orders: Sequence[_Order]) -> None:
+        """A packing more of each, as far as there is time."""
+        while orders:
+            asked = [(one, what) for one in orders if (what := one.go_on())]
+            full = self.fill([what for _, what in asked], self.late)
+            for (one, _), filled in zip(asked, full, strict=True):
+                one.filled = filled
+            orders = [one for one, _ in asked]
+
+    def keep(self, orders: Sequence[_Order]) -> None:
+        """Those that are not done; the others end."""
+        most = self.options.packings or math.inf
+        done = [one for one in orders if one.ended or one.record.packings >= most]
+        self.close(done)
+        gone = {one.number for one in done}
+        self.waiting += [one for one in orders if one.number not in gone]
+
+    def close(self, orders: Sequence[_Order]) -> None:
+        """Ends some."""
+        why = End.INTERRUPT if self.stop() else End.BUDGET if self.options.packings else End.TIME
+        for one in orders:
+            self.ended[one.number] = found = one.record.progress(one.ended or why)
+            self.tell(one.number, found)
+
+    def share(self) -> float:
+        """Seconds for each that could still win, where it is worth while to search it alone."""
+        above = [one for one in self.waiting if one.above]
+        if self.options.packings or any(one.turns < DEEP for one in above) or not above:
+            return 0
+        share = (self.end - perf_counter()) / len(above)
+        return share if share >= SHARE else 0
+
+    def search_alone(self) -> None:
+        """Each that could still win, for its share of the time."""
+        above = [one for one in self.waiting if one.above]
+        for number, one in enumerate(above):
+            share = (self.end - perf_counter()) / (len(above) - number)
+            if share > 0 and not self.stop():
+                options = replace(self.options, time_limit=share)
+                one.ended = one.record.with_other(solve_job(one.job, options, self.stop))
