@@ -10,6 +10,7 @@ from jaxpack.learning.presets import preset as preset
 from jaxpack.learning.recipe import Policy as Policy
 from jaxpack.learning.recipe import TrainConfig as TrainConfig
 from jaxpack.learning.trainer import make_train as make_train
+from jaxpack.many import solve_many as solve_many
 from jaxpack.methods import MethodOptions as MethodOptions
 from jaxpack.methods import make_method as make_method
 from jaxpack.model.instances import Cell as Cell

@@ -35,7 +35,8 @@ from jaxpack.model.metrics import (
 from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, Packing, Problem
 from jaxpack.search.protocol import Orders, Search, compile_search, lying, pack_orders, run_for
-from jaxpack.xla.devices import by_batch, data_mesh, split_batch, usable_cores
+from jaxpack.xla.devices import by_batch, data_mesh, split_batch
+from jaxpack.xla.environment import usable_cores
 from jaxpack.xla.pieces import in_pieces
 
 Solver = Callable[[Array, Instance], tuple[Orders, Packing]]

@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxpack.errors import UserError
 from jaxpack.io import order_files
-from jaxpack.io.jobs import read_job
+from jaxpack.io.jobs import Bad, read_job
 from jaxpack.io.notes import Say
 from jaxpack.model.job import Job
 from jaxpack.model.orders import OrderFiles, Orders
@@ -23,6 +23,7 @@ def read_orders(
     packingsolver: bool,
     objective: str,
     say: Say,
+    bad: Bad | None = None,
 ) -> list[Job]:
     """All jobs of a file, or the one of that name.
 
@@ -30,19 +31,29 @@ def read_orders(
         items, bins, ignore, packingsolver, objective: see `read_job`.
         order: a name, or None for all.
         say: takes a line for everything that was assumed, once all has been read.
+        bad: takes the name of an order that cannot be read, and why; it is raised if not given, as
+            it is where there is no other order.
 
     Raises:
         UserError: naming what is wrong in a file, or the orders that there are.
     """
     notes: list[str] = []
+    wrong: dict[str, UserError] = {}
     jobs = read_job(
         items,
         bins,
         ignore=ignore,
         packingsolver=packingsolver,
         objective=objective,
+        by_order=True,
+        bad=wrong.setdefault,
         say=notes.append,
     )
+    for name, error in wrong.items():
+        if bad is None or not jobs:
+            raise error
+        if order in (None, name):
+            bad(name, error)
     for note in notes:
         say(note)
     if order is None:

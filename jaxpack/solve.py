@@ -18,18 +18,28 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
+from jaxpack.io.arrow import arrow, write_columns
 from jaxpack.io.atomic import check_writable
 from jaxpack.io.bed_bpp import write_bed_bpp
 from jaxpack.io.certificates import check_scale
 from jaxpack.io.notes import Say
-from jaxpack.model.hints import scale_hint
+from jaxpack.many import tables_of, timed
 from jaxpack.model.job import Job
+from jaxpack.model.numbers import as_whole
 from jaxpack.model.plan_check import InvalidPlanError
 from jaxpack.orders import read_orders
-from jaxpack.plan_tables import Screen, counted, live_figures, plain_text, print_solutions, say
+from jaxpack.plan_tables import (
+    NAMED,
+    Screen,
+    live_figures,
+    plain_text,
+    print_solutions,
+    say,
+)
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.record import Progress
 from jaxpack.solution import Solution, Status, checked_options, solution, solve
+from jaxpack.waves import pack_all, say_results
 
 TICK = 0.1  # seconds between two states of the live line
 
@@ -39,8 +49,12 @@ SUFFIXES = {
     "html": (".html", ".htm"),
     "png": (".png",),
     "bed_bpp": (".json",),
+    "placements": (".csv", ".parquet"),
+    "figures": (".csv", ".parquet"),
 }
 """Option -> what its file may end with."""
+OF_ALL = ("bed_bpp", "placements", "figures")
+"""Of these there is one file for all orders."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +62,8 @@ class CommandOptions:
     """Pack items into as few bins as can be found in the time, or into the cheapest."""
 
     items: Positional[Path]
-    """The items: .csv, .ins2D, or the orders of BED-BPP, .json."""
+    """The items: .csv, .xlsx, .parquet, .ins2D, or the orders of BED-BPP, .json. Of a table with a
+    column ORDER every order is packed by itself."""
     bins: Positional[Path | None] = None
     """The bins, .csv. Files .ins2D and .json have bins of their own, which these replace."""
     out: Path | None = None
@@ -63,10 +78,17 @@ class CommandOptions:
     bed_bpp: Path | None = None
     """Write the plans of all orders as BED-BPP has them, each for its one target: .json. Of items
     that are BED-BPP's, .json."""
+    placements: Path | None = None
+    """Write one table with a row per item of all orders: .csv or .parquet."""
+    figures: Path | None = None
+    """Write one table with a row per order: .csv or .parquet."""
     time_limit: float | None = None
-    """Seconds for the search in each job, compilation included: 10 unless packings are given."""
+    """Seconds for the search, of all orders together: 10 unless packings are given, and 0.02 for
+    each of more than 500 orders."""
     packings: int | None = None
-    """Packings that are tried at most in each job: with the same seed it is the same plan then."""
+    """Packings that are tried at most in each order: the plan is the same then with one seed."""
+    workers: int | None = None
+    """Processes that pack several orders; one for each core if not given."""
     seed: int = SolveOptions.seed
     """Gives the random choices."""
     support: float = SolveOptions.support
@@ -106,9 +128,11 @@ def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, P
             continue
         if path.suffix.lower() not in suffixes:
             raise UserError(f"{_flag(option)} {path}: end it with {' or '.join(suffixes)}")
-        if option == "bed_bpp":
-            if options.items.suffix.lower() != ".json":
-                raise UserError(f"--bed-bpp {path}: {options.items} is no file of BED-BPP orders")
+        if option == "bed_bpp" and options.items.suffix.lower() != ".json":
+            raise UserError(f"--bed-bpp {path}: {options.items} is no file of BED-BPP orders")
+        if option in OF_ALL:
+            if path.suffix.lower() == ".parquet":
+                arrow()
             claims.append((option, path))
             continue
         for job, own in zip(jobs, files, strict=True):
@@ -192,47 +216,47 @@ def write_files(found: Solution, files: dict[str, Path], tell: Say) -> None:
             getattr(found, f"write_{option}")(path)
 
 
-def solve_jobs(
-    jobs: Sequence[Job],
+def solve_one(
+    job: Job,
     how: SolveOptions,
-    files: Sequence[dict[str, Path]],
     source: Path,
     interrupted: Sequence[int],
-    status: Console,
-) -> list[Solution]:
-    """Solves one job after the other and writes each plan at once.
+    status: Screen,
+) -> dict[str, Solution | str | None]:
+    """The solution of the one order there is, by its name.
 
-    Of several jobs one that cannot be solved is an error line and does not end the others.
+    Raises:
+        UserError: where it cannot be packed.
     """
-    solutions: list[Solution] = []
-    for job, own in zip(jobs, files, strict=True):
-        where = str(source)
-        if len(jobs) > 1:
-            where += f": order '{job.name}'"
-            say(status, f"{where}: {counted(job.count, 'item')}")
-        try:
-            found = search(job, how, interrupted, status)
-            write_files(found, own, partial(say, status))
-        except UserError as error:
-            if len(jobs) == 1:
-                raise UserError(f"{where}: {error}") from None
-            say(status, f"error: {where}: {error}")
-            continue
-        except InvalidPlanError as error:  # a fault of this program
-            raise SystemExit(
-                f"error: {where}: no valid plan, nothing is written: {error}"
-            ) from None
-        solutions.append(found)
-        if hint := scale_hint(job):
-            say(status, f"{where}: {hint}")
-        if own:
-            say(status, f"written: {', '.join(map(str, own.values()))}")
-        if found.unpacked:
-            what = f"{counted(found.unpacked, 'item')} not packed, there are too few bins"
-            say(status, f"error: {where}: {what}; give more, or a larger COPIES")
-        if interrupted:
-            break
-    return solutions
+    try:
+        return {job.name: search(job, how, interrupted, status)}
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
+
+
+def write_all(
+    options: CommandOptions,
+    found: dict[str, Solution | str | None],
+    files: dict[str, dict[str, Path]],
+    tell: Say,
+) -> None:
+    """Writes what is asked for of every order, and the tables of all of them."""
+    solutions = {name: one for name, one in found.items() if isinstance(one, Solution)}
+    for name, one in solutions.items():
+        write_files(one, files[name], tell)
+    if options.bed_bpp and solutions:
+        orders = [one.job for one in solutions.values()]
+        write_bed_bpp(options.bed_bpp, orders, [one.plan for one in solutions.values()], tell)
+    for path, table in zip(
+        (options.placements, options.figures), tables_of([*found.items()]), strict=True
+    ):
+        if path:
+            write_columns(path, table)
+    written = [path for name in solutions for path in files[name].values()]
+    written += [path for option in OF_ALL if (path := getattr(options, option))]
+    if written:
+        more = f" and {len(written) - NAMED} more" if len(written) > NAMED else ""
+        tell(f"written: {', '.join(map(str, written[:NAMED]))}{more}")
 
 
 def main(argv: Sequence[str]) -> None:
@@ -240,6 +264,7 @@ def main(argv: Sequence[str]) -> None:
     options = parse_options(CommandOptions, "solve", argv)
     console, status = Screen(), Screen(stderr=True)
     tell = partial(say, status)
+    wrong: dict[str, UserError] = {}
     jobs = read_orders(
         options.items,
         options.bins,
@@ -248,6 +273,7 @@ def main(argv: Sequence[str]) -> None:
         options.packingsolver,
         options.objective,
         tell,
+        wrong.__setitem__,
     )
     how = SolveOptions(
         options.time_limit,
@@ -259,25 +285,37 @@ def main(argv: Sequence[str]) -> None:
         packings=options.packings,
         rule=options.rule,
     )
-    for job in jobs:
-        checked_options(how, job, _flag)
-    files = plan_files(options, jobs)
+    for job in jobs[:1] if how.resolution is None else jobs:
+        how = checked_options(how, job, _flag)
+    if options.workers is not None:
+        as_whole(options.workers, "--workers", 1)
+    several = len(jobs) + len(wrong) > 1
+    files = dict(zip([job.name for job in jobs], plan_files(options, jobs), strict=True))
     with interrupts() as interrupted:
-        solutions = solve_jobs(jobs, how, files, options.items, interrupted, status)
-        packed = [found.status is not Status.INFEASIBLE for found in solutions]
-        complete = len(packed) == len(jobs) and all(packed)
-        if options.bed_bpp and solutions:
-            orders, plans = [one.job for one in solutions], [one.plan for one in solutions]
-            write_bed_bpp(options.bed_bpp, orders, plans, tell)
-            tell(f"written: {options.bed_bpp}")
+        try:
+            if several:
+                how = timed(how, len(jobs))
+                packed = pack_all(jobs, how, options.workers, interrupted, status)
+                found = dict(zip(files, packed, strict=True))
+            else:
+                found = solve_one(jobs[0], how, options.items, interrupted, status)
+        except InvalidPlanError as error:  # a fault of this program
+            what = f"{options.items}: no valid plan, nothing is written: {error}"
+            raise SystemExit(f"error: {what}") from None
+        found |= {name: str(error) for name, error in wrong.items()}
+        write_all(options, found, files, tell)
+        say_results(found, options.items, several, status)
+        solutions = [one for one in found.values() if isinstance(one, Solution)]
         if solutions:
-            print_solutions(console, solutions, len(jobs) > 1)
+            print_solutions(console, solutions, several)
+    complete = len(solutions) == len(found)
+    complete = complete and all(one.status is not Status.INFEASIBLE for one in solutions)
     code = 0 if complete else 2
     if interrupted:
         code = 128 + interrupted[0]
         what = "this is the best plan so far"
-        if len(jobs) > 1:
-            what = f"{len(solutions)} of {len(jobs)} orders are solved"
+        if several:
+            what = f"{len(solutions)} of {len(found)} orders are packed"
         say(status, f"interrupted: {what}")
     sys.exit(code)
 

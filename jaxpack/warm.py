@@ -78,7 +78,7 @@ def prepare_folder(folder: Path) -> Path:
 
 def compile_all(missing: dict[str, Callable[[], None]], tell: Callable[[str], None]) -> None:
     """Compiles programs on all cores, and says so of each; an interrupt leaves out the rest."""
-    from jaxpack.xla.devices import usable_cores
+    from jaxpack.xla.environment import usable_cores
 
     def timed(what: str) -> tuple[str, float]:
         begun = time.perf_counter()

@@ -17,6 +17,10 @@ TOP = {
     "cli",
     "orders",
     "search_process",
+    "wave_process",
+    "workers",
+    "many",
+    "waves",
 }
 BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
 ALLOWED = {

@@ -9,7 +9,7 @@ import pytest
 
 from jaxpack.errors import UserError
 from jaxpack.io.locks import held
-from jaxpack.xla.devices import usable_cores
+from jaxpack.xla.environment import usable_cores
 
 BARE = """
 import os, sys
@@ -39,7 +39,8 @@ with held(Path("lock"), "somebody has it"):
 """
 CORES = """
 import jax
-from jaxpack.xla.devices import usable_cores, use_all_cores
+from jaxpack.xla.devices import use_all_cores
+from jaxpack.xla.environment import usable_cores
 use_all_cores()
 assert usable_cores() == os.cpu_count() == len(jax.devices())
 """

@@ -4,11 +4,12 @@ Lengths are in mm, weights in kg. What is on a target higher than 2 m counts as 
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from jaxpack.errors import UserError
 from jaxpack.io.notes import Say, note, silent
 from jaxpack.io.steps import Step, sides_of, steps_of
 from jaxpack.io.texts import member, read_json, write_text
@@ -23,7 +24,10 @@ _LABELS = ("article", "id", "product_group", "sequence")
 
 
 def read_orders(
-    path: Path, bins: tuple[BinType, ...] | None = None, copies: int | None = None
+    path: Path,
+    bins: tuple[BinType, ...] | None = None,
+    copies: int | None = None,
+    bad: Callable[[str, UserError], object] | None = None,
 ) -> list[Job]:
     """A job per order: equal items are copies of one; upright, any side ahead.
 
@@ -33,6 +37,7 @@ def read_orders(
         path: a .json file.
         bins: instead of the targets that the orders name.
         copies: how many targets each order may have; any number if not given.
+        bad: takes the name of an order that cannot be read, and why; it is raised if not given.
 
     Raises:
         UserError: naming the order, the item and the key.
@@ -40,7 +45,15 @@ def read_orders(
     orders = read_json(path)
     if not isinstance(orders, dict) or not orders:
         raise fault(path, "expected an object of orders by name, as BED-BPP has them")
-    return [_order(f"{path}: order '{name}'", name, orders[name], bins, copies) for name in orders]
+    jobs = []
+    for name in orders:
+        try:
+            jobs.append(_order(f"{path}: order '{name}'", name, orders[name], bins, copies))
+        except UserError as error:
+            if bad is None:
+                raise
+            bad(name, error)
+    return jobs
 
 
 def _order(

@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from jaxpack.errors import UserError
+from jaxpack.io.arrow import read_columns
 from jaxpack.io.notes import Say, note, silent
-from jaxpack.io.tables import MOST_ROWS, Table, checked_columns
+from jaxpack.io.tables import MOST_ROWS, Table, checked_columns, table_from_columns
 from jaxpack.io.texts import MOST_BYTES, read_bytes, read_text
 from jaxpack.model.numbers import fault, show
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 WORKBOOKS = (".xlsx", ".xlsm")
+PARQUET = ".parquet"
 
 _DIGITS = {  # what marks the decimals -> how a number is written then
     ".": re.compile(r"[+-]?(?:[1-9]\d{0,2}(?:,\d{3})+|\d+)?(?:\.\d*)?", re.ASCII),
@@ -33,14 +35,16 @@ def read_table(path: Path, say: Say = silent) -> Table:
     """A table whose first row names the columns; blank rows are skipped.
 
     Args:
-        path: .xlsx, or text with commas, semicolons or tabs between its fields. A row may end
-            early, its last cells are empty then.
+        path: .xlsx, .parquet, or text with commas, semicolons or tabs between its fields. A row may
+            end early, its last cells are empty then.
         say: takes a line for everything that was assumed.
 
     Raises:
         UserError: where it cannot be read or is not of that form. Rows count from 1, the header
             included, as in an editor.
     """
+    if path.suffix.lower() == PARQUET:
+        return table_from_columns(read_columns(path), str(path))
     if path.suffix.lower() in WORKBOOKS:
         separator, rows = "", _workbook_rows(path, say)
     else:

@@ -189,8 +189,8 @@ def table_from_columns(data: Any, source: str) -> Table:
     """A table from a program.
 
     Args:
-        data: a data frame (anything whose `to_dict("list")` gives columns), a mapping of columns,
-            a structured NumPy array or a list of mappings.
+        data: a data frame (anything whose `to_dict("list")` gives columns), an Arrow table, a
+            mapping of columns, a structured NumPy array or a list of mappings.
         source: what to call it in messages; its rows count from 0.
 
     Raises:
@@ -217,6 +217,8 @@ def _named_columns(data: Any, source: str) -> Mapping[Any, Any]:
     if isinstance(data, Mapping):
         return data
     try:
+        if hasattr(data, "to_pydict"):  # Arrow's
+            return data.to_pydict()
         if hasattr(data, "to_dict"):
             columns = data.to_dict("list")
             if isinstance(columns, Mapping):

@@ -30,7 +30,7 @@ from jaxpack.search.local_search import (
 )
 from jaxpack.search.packer import encode, pack_lanes
 from jaxpack.search.policy_orders import policy_genes
-from jaxpack.xla.devices import usable_cores
+from jaxpack.xla.environment import usable_cores
 
 LANES, FEW_LANES, MANY_ITEMS = 32, 8, 256  # fewer where a round of many items takes seconds
 ROUNDS = 8  # per dispatch, fewer where they take longer than a BREATH

@@ -35,13 +35,26 @@ Tell = Callable[[int, Progress], object]
 """Takes the number of an order and its progress."""
 
 
+def canonical_order(job: Job) -> list[int]:
+    """The items in an order that does not depend on that of their rows: indices of `Job.items`."""
+
+    def key(number: int) -> tuple[Any, ...]:
+        item = job.items[number]
+        profit = -1.0 if item.profit is None else item.profit
+        return item.size, item.weight, item.orientations, profit, item.copies, item.name
+
+    return sorted(range(len(job.items)), key=key)
+
+
 class _Order:
     """How far one of them is."""
 
     def __init__(self, number: int, job: Job, options: SolveOptions, stop: Callable[[], bool]):
         begun = perf_counter()
+        self.given, self.place = job, canonical_order(job)
+        self.job = job = replace(job, items=tuple(job.items[n] for n in self.place))
         loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-        self.number, self.job, self.loading = number, job, loading
+        self.number, self.loading = number, loading
         self.record = Record(job, loading, bounds(job, 0.0), begun)
         self.best: Best | None = None
         self.search = search_uncompiled(
@@ -71,6 +84,19 @@ class _Order:
             self.best = better(self.best or found, found)
         if progress := self.record.with_one(found, tried):
             self.ended, self.above = progress.end, progress.gap != 0
+
+    def progress(self, why: End | None = None) -> Progress:
+        """What there is now, of the order as it was given."""
+        now, place = self.record.progress(self.ended or why), self.place
+        bins = tuple(
+            replace(
+                packed,
+                placements=tuple(replace(put, item=place[put.item]) for put in packed.placements),
+            )
+            for packed in now.plan.bins
+        )
+        plan = replace(now.plan, bins=bins, left_out=tuple(place[n] for n in now.plan.left_out))
+        return replace(now, job=self.given, plan=plan)
 
     def bound(self, seconds: float | None) -> None:
         """Looks for better bounds."""
@@ -146,7 +172,7 @@ class _Wave:
             if one.record.plan is None:
                 genes = lane_genes(one.loading, self.options.seed, 0)
                 one.take(quick_plan(one.loading, genes, self.late), 1)
-            self.tell(one.number, one.record.progress(one.ended))
+            self.tell(one.number, one.record.progress(None))
         self.keep(new)
 
     def go_on(self) -> None:
@@ -182,7 +208,7 @@ class _Wave:
         """Ends some."""
         why = End.INTERRUPT if self.stop() else End.BUDGET if self.options.packings else End.TIME
         for one in orders:
-            self.ended[one.number] = found = one.record.progress(one.ended or why)
+            self.ended[one.number] = found = one.progress(why)
             self.tell(one.number, found)
 
     def share(self) -> float:

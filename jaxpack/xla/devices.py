@@ -18,16 +18,10 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as P
 
 from jaxpack.errors import UserError
+from jaxpack.xla.environment import usable_cores
 
 DATA = "data"  # the one axis of a mesh: the leading axis of a batch is cut along it
 PART, WHOLE = P(DATA), P()  # of an array: each device has a part, or all have all of it
-
-
-def usable_cores() -> int:
-    """How many cores this process may use, at least 1; where nobody says, those of the machine."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def use_all_cores() -> None:

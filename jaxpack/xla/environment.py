@@ -27,3 +27,10 @@ def environment_of_another(package: Path) -> dict[str, str]:
     """
     path = os.pathsep.join(filter(None, (str(package), os.environ.get("PYTHONPATH"))))
     return os.environ | {"PYTHONPATH": path, "XLA_PYTHON_CLIENT_PREALLOCATE": "false"}
+
+
+def usable_cores() -> int:
+    """How many cores this process may use, at least 1; where nobody says, those of the machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

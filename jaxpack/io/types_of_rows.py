@@ -1,0 +1,169 @@
+"""Rows of tables as types of items and of bins."""
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+from jaxpack.io.columns import NAMES, ROTATIONS, SIDES, Reading, Understood
+from jaxpack.io.notes import note
+from jaxpack.io.tables import Row
+from jaxpack.model.exact import exact
+from jaxpack.model.job import FLAT_TURNED, BinType, ItemType, Sides, counted
+from jaxpack.model.numbers import as_profit, fault, plain
+
+
+def _size(row: Row, dimension: int, whole: bool, end: float | None = None) -> Sides:
+    """The sides; where there is an end, it is the last."""
+    columns = SIDES[dimension] if end is None else SIDES[dimension][:-1]
+    sides = [row.size(column) for column in columns]
+    if whole:
+        for column, side in zip(columns, sides, strict=True):
+            if side < 1 or (isinstance(row.cell(column), str) and "e" in row.cell(column).lower()):
+                what = f"{row.cell(column)} is read up to its first sign that is no digit"
+                raise fault(row.at(column), what, "PackingSolver knows whole numbers only")
+        sides = [float(math.floor(side)) for side in sides]
+    sides += [] if end is None else [end]
+    return (sides[0], 1.0, sides[1]) if dimension == 2 else (sides[0], sides[1], sides[2])
+
+
+def _end(row: Row, dimension: int, reading: Reading) -> float | None:
+    """Infinity if the height of a bin is open, which an empty cell says, -1 or inf; else None."""
+    height = SIDES[dimension][-1]
+    if _given(row, height) and not row.unlimited(height):
+        return None
+    if not reading.goal.open_bin:
+        raise fault(row.at(height), "the height is open: give one, or use --objective height")
+    return math.inf
+
+
+def _say_cut(read: Understood, reading: Reading) -> None:
+    """Says that decimals are cut off where there are any."""
+    if not reading.packingsolver:
+        return
+    for row in read.table.rows():
+        for column in SIDES[read.dimension]:
+            if _given(row, column) and not row.unlimited(column) and row.size(column) % 1:
+                what = f"{plain(row.size(column))} is read without its decimals"
+                reading.say(note(row.at(column), f"{what}, as PackingSolver reads all lengths"))
+                return
+
+
+def item_types(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
+    """The items of a table.
+
+    Raises:
+        UserError: naming the row and the column.
+    """
+    table = read.table
+    if not table.lines:
+        raise fault(table.header, "no items below the header: give at least one")
+    _say_cut(read, reading)
+    items = []
+    total = 0
+    for row in table.rows():
+        copies = row.whole("COPIES", low=0) if row.has("COPIES") else 1
+        total = counted(total + copies, f"{row.at('COPIES')}: {copies} copies")
+        flat = read.dimension == 2
+        ways = _flat_orientations(row, reading) if flat else _orientations(row, read.flags, reading)
+        items.append(
+            ItemType(
+                _size(row, read.dimension, reading.packingsolver),
+                copies,
+                row.weight("WEIGHT"),
+                ways,
+                row.text(*NAMES),
+                f"row {row.row}",
+                profit=_profit(row) if "PROFIT" in reading.goal.obeys else None,
+            )
+        )
+    if not total:
+        raise fault(table.header, "all COPIES are 0: give at least one item")
+    return tuple(items)
+
+
+def _profit(row: Row) -> float | None:
+    if not row.has("PROFIT") or row.number("PROFIT") == -1:
+        return None
+    return as_profit(row.number("PROFIT"), row.at("PROFIT"))
+
+
+def _flat_orientations(row: Row, reading: Reading) -> tuple[str, ...]:
+    return ("XYZ",) if row.flag("ORIENTED", default=not reading.packingsolver) else FLAT_TURNED
+
+
+def _orientations(row: Row, columns: Sequence[str], reading: Reading) -> tuple[str, ...]:
+    allowed = tuple(ROTATIONS[column] for column in columns if row.flag(column, default=False))
+    if allowed or reading.packingsolver or not any(row.has(column) for column in columns):
+        return allowed or ("XYZ",)
+    raise fault(row.where, f"columns {', '.join(columns)}", "all are 0: allow at least one")
+
+
+def bin_types(
+    read: Understood, dimension: int, factor: Fraction, reading: Reading
+) -> tuple[BinType, ...]:
+    """The bins of a table for items of a dimension, their lengths times a factor.
+
+    Raises:
+        UserError: naming the row and the column.
+    """
+    table = read.table
+    if read.dimension != dimension:
+        sides = ", ".join(SIDES[dimension])
+        what = f"bins of {read.dimension}D for items of {dimension}D"
+        raise fault(table.header, what, f"give bins with columns {sides}")
+    if not table.lines:
+        raise fault(table.header, "no bins below the header: give at least one")
+    _say_cut(read, reading)
+    bins = []
+    for row in table.rows():
+        size = _size(row, dimension, reading.packingsolver, _end(row, dimension, reading))
+        if factor != 1:
+            x, y, z = (float(exact(s) * factor) if s < math.inf else s for s in size)
+            size = x, (1.0 if dimension == 2 else y), z
+        limit, none = _limit(row, reading)
+        bins.append(
+            BinType(
+                size,
+                _cost(row) if _given(row, "COST") else None,
+                0 if none else _bin_copies(row, reading),
+                limit,
+                row.text(*NAMES),
+                f"row {row.row} of {Path(table.source).name}",
+            )
+        )
+    return tuple(bins)
+
+
+def _given(row: Row, column: str) -> bool:
+    """Whether the cell is neither empty nor -1, which stands for no limit."""
+    return row.has(column) and (row.unlimited(column) or row.number(column) != -1)
+
+
+def _bin_copies(row: Row, reading: Reading) -> int | None:
+    if (reading.packingsolver or reading.goal.leaves_out) and not row.has("COPIES"):
+        return 1
+    if not _given(row, "COPIES") or row.unlimited("COPIES"):
+        return None
+    return row.whole("COPIES", low=0)
+
+
+def _limit(row: Row, reading: Reading) -> tuple[float, bool]:
+    """The most weight, and whether nothing can keep to it."""
+    column = "MAXIMUM_WEIGHT"
+    if not row.has(column) or row.unlimited(column):
+        return math.inf, False
+    if row.number(column) == -1:
+        if not reading.packingsolver:
+            return math.inf, False
+        what = "-1 is a limit that nothing keeps to in PackingSolver: the bin is not used"
+        reading.say(note(row.at(column), what))
+        return 0.0, True
+    return row.weight(column), False
+
+
+def _cost(row: Row) -> float:
+    cost = row.number("COST")
+    if cost < 0:
+        raise fault(row.at("COST"), f"{cost:g} is negative: give 0 or more, or -1 for the volume")
+    return cost
