@@ -124,7 +124,7 @@ def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
         return tuple(
             way
             for (x, y, z), way in first.items()
-            if any(x <= room[0] and y <= room[1] and z <= room[2] for room in rooms)
+            if any(x <= a and y <= b and z <= c for a, b, c in rooms)
         )
 
     return tuple(map(ways, job.items))
@@ -258,20 +258,19 @@ def _stock(
     # What fits no bin may be longer than any number that a packer takes, and is not among its rows.
     size = np.minimum(_lengths(job, units, [item.size for item in job.items]), np.int32(2**31 - 1))
     area = np.int32 if rooms[:, :2].max() <= NARROW else np.int64
-    turned = np.ones((len(job.items), orientations, 3), np.int32)
-    needed = np.ones((len(job.items), orientations), area)
-    for number, allowed in enumerate(ways):
-        for way in range(orientations if allowed else 0):
-            x, y, z = size[number, list(ORIENTATIONS[allowed[min(way, len(allowed) - 1)]])].tolist()
-            turned[number, way] = x, y, z
-            needed[number, way] = rules.area_needed(x * y)
+    turned, needed = [], []
+    for sides, allowed in zip(size.tolist(), ways, strict=True):
+        rows = [[sides[side] for side in ORIENTATIONS[way]] for way in allowed] or [[1, 1, 1]]
+        rows += [rows[-1]] * (orientations - len(rows))
+        turned.append(rows)
+        needed.append([rules.area_needed(x * y) for x, y, _ in rows])
     weight, limit = _weights(job, units)
     price = _prices(job, items)
     counts = np.asarray([len(some) for some in ways], np.int32)
     dearest = np.sort(price[bins])[-len(items) :]
     return Stock(
-        sizes=turned[items],
-        needed=needed[items],
+        sizes=np.array(turned, np.int32)[items],
+        needed=np.array(needed, area)[items],
         ways=counts[items],
         weight=weight[items],
         mask=np.ones(len(items), bool),

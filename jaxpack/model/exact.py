@@ -8,12 +8,14 @@ import math
 from collections.abc import Iterable
 from decimal import ROUND_FLOOR, Decimal
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
 DIGITS = 13  # significant ones
 
 
+@lru_cache(2**14)  # few lengths and weights come again and again
 def exact(number: float) -> Fraction:
     """The decimal of 13 significant digits that is nearest to this float.
 

@@ -60,8 +60,8 @@ class ItemType:
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""
-        x, y, z = (self.size[side] for side in ORIENTATIONS[orientation])
-        return x, y, z
+        x, y, z = ORIENTATIONS[orientation]
+        return self.size[x], self.size[y], self.size[z]
 
 
 @dataclass(frozen=True)

@@ -54,13 +54,14 @@ def in_units(values: Iterable[float], unit: Fraction) -> np.ndarray:
     known: dict[float, int] = {}
     values = list(values)
     for value in set(values):
-        ratio = exact(value) / unit
-        assert ratio.denominator == 1, f"{value} is no multiple of {unit}"
-        known[value] = ratio.numerator
+        top, bottom = exact(value).as_integer_ratio()
+        known[value], rest = divmod(top * unit.denominator, bottom * unit.numerator)
+        assert not rest, f"{value} is no multiple of {unit}"
     return np.asarray([known[value] for value in values], np.int64)
 
 
 def common(numbers: list[Fraction]) -> Fraction:
     """The largest fraction of which all numbers are whole multiples."""
     scale = math.lcm(*(number.denominator for number in numbers))
-    return Fraction(math.gcd(*(int(number * scale) for number in numbers)), scale)
+    whole = (number.numerator * (scale // number.denominator) for number in numbers)
+    return Fraction(math.gcd(*whole), scale)
