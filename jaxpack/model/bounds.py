@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,9 +17,11 @@ from jaxpack.model.cover import Need, least
 from jaxpack.model.exact import exact
 from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import UNLIMITED, Goods, goods_of
-from jaxpack.model.job import Job
+from jaxpack.model.job import BinType, Job
 from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
 from jaxpack.model.scales import scaled_needs
+from jaxpack.model.sums import sums
+from jaxpack.model.units import common
 
 WORK = 2**23  # products of lengths in scales, about: a tenth of a second
 LONGEST = 2**16  # units of a side of which it is found out what the items come to
@@ -53,18 +56,16 @@ def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -
     goods = goods_of(job)
     if not len(goods.copies):
         return Bounds(0, 0.0, goods.unfit, (goods.unfit, *(0 for _ in parts)), 0.0)
-    each = [parts_of(kind) for kind in goods.kinds]
-    costs, ones = ([kind[part] for kind in each] for part in ("cost", "bins"))
+    costs = np.array([float(parts_of(kind)["cost"]) for kind in goods.kinds])
     needs = []
-    for need in _needs(goods, np.array([float(cost) for cost in costs])):
+    for need in _needs(goods, costs):
         needs.append(need)
         if seconds is not None and time.monotonic() - begun > seconds:
             break
-    copies = [math.inf if kind.copies is None else kind.copies for kind in goods.kinds]
-    (bins,) = _least([ones], copies, needs)
+    (bins,) = _least(("bins",), goods.kinds, needs)
     needs.append(Need(int(bins), (1,) * len(costs)))
-    sums = _least([[kind[part] for kind in each] for part in parts], copies, needs)
-    cost = sums[0] if parts[0] == "cost" else _least([costs], copies, needs)[0]
+    sums = _least(parts, goods.kinds, needs)
+    cost = sums[0] if parts[0] == "cost" else _least(("cost",), goods.kinds, needs)[0]
     return Bounds(int(bins), float(cost), goods.unfit, (goods.unfit, *sums), float(sums[0]))
 
 
@@ -140,10 +141,7 @@ def least_height(job: Job, seconds: float | None = None) -> tuple[Fraction, Good
         tried, step = (low + step, 2 * step) if high == math.inf else ((low + int(high)) // 2, step)
     least = low + 1
     if goods.rooms[0, 2] <= LONGEST:
-        copies = np.zeros(int(goods.rooms[0, 2]) + 1, np.int64)
-        for way in np.minimum(heights, len(copies) - 1):
-            np.add.at(copies, way, goods.copies)
-        above = _sums(copies) >> least
+        above = sums(heights, goods.copies, int(goods.rooms[0, 2])) >> least
         least += (above & -above).bit_length() - 1 if above else 0
     return least * goods.unit, goods
 
@@ -177,24 +175,32 @@ def _relaxed_knapsack(values: list[int], each: list[int], copies: list[int], cap
     return (gain * capacity + sum(over)) // per
 
 
-def _least(parts: list[list[Fraction]], copies: list[float], needs: list[Need]) -> list[Fraction]:
-    """See `least`: of every part of the price what one bin of each type costs."""
-    if len(copies) == 1:
+def _least(parts: tuple[str, ...], kinds: tuple[BinType, ...], needs: list[Need]) -> list[Fraction]:
+    """See `least`: what the bins come to in every part of the price."""
+    prices, units = _prices(parts, kinds)
+    if len(kinds) == 1:
         bins = max(map(_bins, needs))
-        return [bins * each for (each,) in parts]
-    units = list(map(_unit, parts))
-    prices = [
-        tuple(int(each / unit) for each, unit in zip(kind, units, strict=True))
-        for kind in zip(*parts, strict=True)
-    ]
-    found = least(prices, copies, needs)
+        found = tuple(bins * each for each in prices[0])
+    else:
+        copies = [math.inf if kind.copies is None else kind.copies for kind in kinds]
+        found = least(prices, copies, needs)
     return [price * unit for price, unit in zip(found, units, strict=True)]
+
+
+@lru_cache(256)  # the bins of many orders are the same
+def _prices(
+    parts: tuple[str, ...], kinds: tuple[BinType, ...]
+) -> tuple[list[tuple[int, ...]], list[Fraction]]:
+    """(What a bin of each type costs, by part, in whole units; the units.)"""
+    each = [[parts_of(kind)[part] for kind in kinds] for part in parts]
+    units = list(map(_unit, each))
+    prices = [[int(price / unit) for price in some] for some, unit in zip(each, units, strict=True)]
+    return list(zip(*prices, strict=True)), units
 
 
 def _unit(prices: list[Fraction]) -> Fraction:
     """The largest price of which all are whole multiples."""
-    scale = math.lcm(*(price.denominator for price in prices))
-    return Fraction(math.gcd(*(int(price * scale) for price in prices)) or 1, scale)
+    return common(prices) or Fraction(1)
 
 
 def _bins(need: Need) -> int:
@@ -205,21 +211,30 @@ def _bins(need: Need) -> int:
 
 def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
     """What the bins of a plan have to come up to, in volume, weight and number."""
+    yield _number(goods)
+    yield from _alone(goods)
     groups = list(goods.groups())
     prices = [np.ones(len(price))]
     if len(set(price.tolist())) > 1:
         prices.append(price)
     for group in groups:
-        count = max(_by_volume(group), _by_weight(group), l1_and_l2(group, halves=True)[1])
-        yield Need(count, tuple((group.rooms.min(1) > 0).astype(int).tolist()))
-        if group is goods:
-            yield from _alone(goods)
+        if group is not goods:
+            yield _number(group)
         sizes, rooms = group.sizes[..., list(group.axes)], _shrunk(group)[:, list(group.axes)]
         yield from scaled_needs(sizes, group.copies, rooms, prices, WORK // len(groups))
         weights, copies, limits = _heavy(group)
         if len(weights):
             lengths = weights[None, :, None]
             yield from scaled_needs(lengths, copies, limits[:, None], prices, WORK // 8)
+
+
+def _number(goods: Goods) -> Need:
+    count = max(_by_volume(goods), _by_weight(goods))
+    # What fits side by side needs one bin, and no bound says more.
+    lengths = goods.copies @ goods.sizes.min(0)
+    if (lengths[list(goods.axes)] > goods.rooms.max(0)[list(goods.axes)]).all():
+        count = max(count, l1_and_l2(goods, halves=True)[1])
+    return Need(count, tuple((goods.rooms.min(1) > 0).astype(int).tolist()))
 
 
 def _alone(goods: Goods) -> Iterator[Need]:
@@ -252,6 +267,8 @@ def _by_weight(goods: Goods) -> int:
         return 0
     total = _sum_of_products(goods.weights, goods.copies)
     fewest = _fewest(total, _capacities(goods, goods.limits.tolist()))
+    if total <= goods.limits.max():
+        return fewest
     return max(fewest, one_dimensional(2 * weights, copies, int(2 * limits.max())))
 
 
@@ -297,27 +314,8 @@ def _shrunk(goods: Goods) -> np.ndarray:
         longest = int(rooms[:, axis].max())
         if longest > LONGEST:
             continue
-        copies = np.zeros(longest + 1, np.int64)
-        for way in goods.sizes[..., axis]:
-            np.add.at(copies, way, goods.copies)
-        reached = _sums(copies)
+        reached = sums(goods.sizes[..., axis], goods.copies, longest)
         rooms[:, axis] = [
             (reached & ((2 << room) - 1)).bit_length() - 1 for room in rooms[:, axis].tolist()
         ]
     return rooms
-
-
-def _sums(copies: np.ndarray) -> int:
-    """The lengths that copies of each length come to, as bits.
-
-    Args:
-        copies: of length 0, 1, ... [longest + 1].
-    """
-    reached, mask = 1, (1 << len(copies)) - 1
-    for length in np.flatnonzero(copies).tolist():
-        left, together = int(copies[length]), 1
-        while left and length * together < len(copies):
-            taken = min(together, left)
-            reached |= reached << (length * taken) & mask
-            left, together = left - taken, 2 * together
-    return reached

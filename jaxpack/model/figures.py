@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
@@ -66,6 +67,7 @@ def plan_profit(job: Job, plan: Plan) -> Fraction:
     return sum((profit_of(job.items[item]) * n for item, n in items.items()), Fraction(0))
 
 
+@lru_cache(1024)
 def parts_of(kind: BinType) -> dict[str, Fraction]:
     """What can count of a bin that is used."""
     return {"cost": exact(kind.price), "bins": Fraction(1), "volume": volume(kind.size)}

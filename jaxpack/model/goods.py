@@ -12,6 +12,7 @@ from jaxpack.model.job import ORIENTATIONS, BinType, Job
 UNLIMITED = np.iinfo(np.int64).max  # a bin without limit of its weight
 MOST_PAIRS = 2**21  # rows x bins of which it is noted which fits which
 MOST_GROUPS = 6
+_AXES = np.array(list(ORIENTATIONS.values()))
 
 
 @dataclass(frozen=True)
@@ -70,11 +71,10 @@ def goods_of(job: Job) -> Goods:
     rooms = np.array([kind.size for kind in kinds], float).reshape(-1, 3)
     limits = np.array([kind.max_weight for kind in kinds], float)
     sides, allowed, weight, profit, copies = _rows(job)
-    turned = np.stack([sides[:, list(axes)] for axes in ORIENTATIONS.values()])
-    for later in range(1, len(turned)):  # of ways that come to the same, the first
-        for earlier in range(later):
-            same = (turned[later] == turned[earlier]).all(1)
-            allowed[later] &= ~(allowed[earlier] & same)
+    turned = sides[:, _AXES].swapaxes(0, 1)
+    # Of ways that come to the same, the first.
+    equal = (sides[:, :, None] == sides[:, None])[:, _AXES[:, None], _AXES].all(3)
+    allowed &= ~(np.tril(equal, -1) & allowed.T[:, None]).any(2).T
     ways, fits = _fitting(turned, allowed, weight, rooms, limits)
     some = ways.any(0)
     unfit = int(copies[~some].sum())
@@ -114,24 +114,15 @@ def _rows(job: Job) -> tuple[np.ndarray, ...]:
     Those with no profit of their own have -1.
     """
     codes: dict[tuple[str, ...], int] = {}
-    items = [item for item in job.items if item.copies]
-    table = np.array(
-        [
-            (
-                *item.size,
-                item.weight,
-                codes.setdefault(item.orientations, len(codes)),
-                -1 if item.profit is None else item.profit,
-            )
-            for item in items
-        ],
-        float,
-    ).reshape(-1, 6)
-    rows, which = np.unique(table, axis=0, return_inverse=True)
-    copies = np.zeros(len(rows), np.int64)
-    np.add.at(copies, which.ravel(), [item.copies for item in items])
-    known = np.array([[way in ways for way in ORIENTATIONS] for ways in codes]).reshape(-1, 6)
-    return rows[:, :3], known[rows[:, 4].astype(int)].T.copy(), rows[:, 3], rows[:, 5], copies
+    count: dict[tuple[float, ...], int] = {}
+    for item in job.items:
+        code = codes.setdefault(item.orientations, len(codes))
+        row = *item.size, item.weight, code, -1.0 if item.profit is None else item.profit
+        count[row] = count.get(row, 0) + item.copies
+    different = sorted(row for row, copies in count.items() if copies)
+    rows, copies = np.array(different), np.array([count[row] for row in different])
+    known = np.array([[way in ways for way in ORIENTATIONS] for ways in codes])
+    return rows[:, :3], known[rows[:, 4].astype(int)].T, rows[:, 3], rows[:, 5], copies
 
 
 def _fitting(
@@ -142,14 +133,15 @@ def _fitting(
     limits: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which ways fit some bin [6, n], and which bins hold which rows [n, kinds]."""
-    n, every = len(weight), len(weight) * len(rooms) <= MOST_PAIRS
+    every = len(weight) * len(rooms) <= MOST_PAIRS
     ways = np.zeros(allowed.shape, bool)
-    fits = np.ones((n, len(rooms)), bool)
-    for number in np.argsort(-rooms.prod(1)):
-        open_rows = np.arange(n) if every else np.flatnonzero((allowed & ~ways).any(0))
-        inside = (turned[:, open_rows] <= rooms[number]).all(2) & allowed[:, open_rows]
-        inside &= weight[open_rows] <= limits[number]
-        ways[:, open_rows] |= inside
+    fits = np.ones((len(weight), len(rooms)), bool)
+    largest = np.argsort(-rooms.prod(1))
+    for some in [largest] if every else largest[:, None]:
+        open_rows = slice(None) if every else np.flatnonzero((allowed & ~ways).any(0))
+        inside = (turned[:, open_rows, None] <= rooms[some]).all(3) & allowed[:, open_rows, None]
+        inside &= weight[open_rows, None] <= limits[some]
+        ways[:, open_rows] |= inside.any(2)
         if every:
-            fits[:, number] = inside.any(0)
+            fits[:, some] = inside.any(0)
     return ways, fits
