@@ -78,6 +78,11 @@ class Loading:
     bins: np.ndarray  # int [S], index in Job.bins of every row
     unfit: tuple[int, ...]  # index in Job.items of every copy that no bin can hold
 
+    @cached_property
+    def first(self) -> np.ndarray:
+        """Of each type of bins that there are a row: int [T]."""
+        return np.unique(self.bins, return_index=True)[1]
+
     @property
     def flat(self) -> bool:
         """2D."""
@@ -146,7 +151,8 @@ def plan_of(
         turn, bin, corner: by row of the stock.
         types: index of `Stock.bins` -> index in Job.bins, of the bins that are used.
     """
-    length = {n: float(n * loading.units.length) for n in set(corner.ravel().tolist())}
+    top, bottom = loading.units.length.as_integer_ratio()
+    length = {n: n * top / bottom for n in set(corner.ravel().tolist())}
     packed: dict[int, list[Placement]] = {}
     left_out = list(loading.unfit)
     rows = zip(
@@ -161,8 +167,8 @@ def plan_of(
         packed.setdefault(slot, []).append(place)
     levels: dict[int, float | None] = {}
     if loading.objective.open_bin:
-        top = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
-        levels = {s: float(int(top[bin == s].max()) * loading.units.length) for s in packed}
+        ends = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
+        levels = {s: int(ends[bin == s].max()) * top / bottom for s in packed}
     inside = [
         PackedBin(types[slot], tuple(items), levels.get(slot)) for slot, items in packed.items()
     ]

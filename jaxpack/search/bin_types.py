@@ -28,21 +28,19 @@ def cheapest_types(
     reach, weight = np.zeros((len(slots), 3), np.int64), np.zeros(len(slots), np.int64)
     np.maximum.at(reach, number, ends)
     np.add.at(weight, number, stock.weight[rows].astype(np.int64))
-    kinds, first = np.unique(loading.bins, return_index=True)
-    no_limit = np.iinfo(stock.limit.dtype).max
-    prices = [
-        (stock.price[row], kind) for kind, row in zip(kinds.tolist(), first.tolist(), strict=True)
-    ]
-    left = {kind: job.bins[kind].copies for kind in kinds.tolist()}
+    first = loading.first
+    kinds, prices = loading.bins[first].tolist(), stock.price[first].tolist()
+    limits = stock.limit[first]
+    fits = (reach[:, None] <= stock.bins[first]).all(2)  # [slots, kinds]
+    fits &= (limits == np.iinfo(limits.dtype).max) | (weight[:, None] <= limits)
+    left = {kind: job.bins[kind].copies for kind in kinds}
     chosen = {}
     # The dearest bins choose first: they have the most to save.
     for n in np.argsort(-stock.price[slots], kind="stable").tolist():
         able = [
             (price, kind != own[n], kind)
-            for (price, kind), row in zip(prices, first.tolist(), strict=True)
-            if left[kind] != 0
-            and (reach[n] <= stock.bins[row]).all()
-            and (stock.limit[row] == no_limit or weight[n] <= stock.limit[row])
+            for price, kind, fit in zip(prices, kinds, fits[n].tolist(), strict=True)
+            if fit and left[kind] != 0
         ]
         if not able:  # another one took the copy it had
             return as_packed

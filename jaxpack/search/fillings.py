@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxpack.model.encoding import Genes, Loading, most_together
+from jaxpack.model.sums import sums
 from jaxpack.search.block_policy import Judge
 from jaxpack.search.filling import BLOCKS, FAR, Axes
 from jaxpack.search.local_search import Best
@@ -68,14 +69,9 @@ class Kinds:
                 self.known.clear()
             some = np.repeat(left > 0, self.ways)
             most = int(self.loading.stock.bins[self.bins].max()) // self.unit
-            columns = []
-            for axis in range(3):
-                edges, which = np.unique(self.side[axis, some] // self.unit, return_inverse=True)
-                copies = np.bincount(which.ravel(), np.repeat(self.count, self.ways)[some]).astype(
-                    int
-                )
-                short = (edges > 0) & (edges <= most)
-                columns.append(longest_sums(edges[short], copies[short], most))
+            copies = np.repeat(self.count, self.ways)[some]
+            edges = self.side[:, some] // self.unit
+            columns = [longest_sums(along, copies, most) for along in edges]
             self.known[key] = np.stack(columns) * np.int32(self.unit)
         return self.known[key]
 
@@ -87,15 +83,10 @@ def longest_sums(edges: np.ndarray, copies: np.ndarray, length: int) -> np.ndarr
         edges: int [n], units.
         copies: int [n], of each at most.
     """
-    reached = np.zeros(length + 1, bool)
-    reached[0] = True
-    for edge, most in zip(edges.tolist(), copies.tolist(), strict=True):
-        part = 1
-        while most > 0 and edge * part <= length:
-            part = min(part, most)
-            reached[edge * part :] |= reached[: length + 1 - edge * part].copy()
-            most, part = most - part, 2 * part
-    return np.maximum.accumulate(np.where(reached, np.arange(length + 1), 0)).astype(np.int32)
+    whole = sums(edges, copies, length)
+    bits = np.frombuffer(whole.to_bytes(length // 8 + 1, "little"), np.uint8)
+    reached = np.unpackbits(bits, count=length + 1, bitorder="little")
+    return np.maximum.accumulate(reached * np.arange(length + 1, dtype=np.int32))
 
 
 def kinds_of(loading: Loading, judge: Judge | None = None) -> Kinds:
@@ -104,13 +95,16 @@ def kinds_of(loading: Loading, judge: Judge | None = None) -> Kinds:
     N, ways = stock.sizes.shape[:2]
     columns = stock.ways, stock.weight, stock.profit.view(np.int32)
     table = np.concatenate([stock.sizes.reshape(N, -1), np.stack(columns, 1)], 1)
-    _, first, rows, copies = np.unique(
-        table, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
+    every = list(map(tuple, table.tolist()))
+    found = {row: n for n, row in reversed([*enumerate(every)])}  # where it comes first
+    different = sorted(found)
+    place = {row: kind for kind, row in enumerate(different)}
+    rows = np.array([place[row] for row in every])
+    first, copies = np.array([found[row] for row in different]), np.bincount(rows)
     side = np.where(
         (np.arange(ways) < stock.ways[first][:, None])[..., None], stock.sizes[first], FAR
     ).reshape(-1, 3).T  # fmt: skip
-    _, bins, types = np.unique(loading.bins, return_index=True, return_inverse=True)
+    bins = loading.first
     # In 2D y is not in the way; where nothing has its like, no axis is.
     axes = ((0, 1, 2), (2, 1, 0)) if loading.flat else tuple(permutations(range(3)))
     axes = axes if copies.max() > 1 else axes[:1]
@@ -121,10 +115,10 @@ def kinds_of(loading: Loading, judge: Judge | None = None) -> Kinds:
     limit = np.minimum(limits // unit, 2**30)
     size, holds = _sizes(loading, first, copies, bins)
     return Kinds(
-        loading, rows.ravel(), first, copies.astype(np.int32), side.astype(np.int32),
+        loading, rows, first, copies.astype(np.int32), side.astype(np.int32),
         np.maximum(stock.needed[first], 1).reshape(-1).astype(np.int32), weight.astype(np.int32),
         size, bins, limit.astype(np.int32), holds,
-        -(-int(stock.bins[bins].max()) // FINE), axes, np.bincount(types),
+        -(-int(stock.bins[bins].max()) // FINE), axes, np.diff(bins, append=len(loading.bins)),
         min(BLOCKS, most_together(stock)), judge,
     )  # fmt: skip
 
