@@ -8,13 +8,13 @@ box that was loaded earlier, and shares a part of its footprint, may reach highe
 from collections.abc import Iterator
 from enum import StrEnum
 from fractions import Fraction
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from jaxpack.errors import UserError
-from jaxpack.model.pairs import Tree, best, pairs, tree_of
+from jaxpack.model.exact import exact
+from jaxpack.model.pairs import best, pairs, tree_of
 
 
 class Rule(StrEnum):
@@ -64,7 +64,7 @@ def share_of(support: float) -> Fraction:
     """
     if not 0 <= support <= 1:
         raise UserError(f"support {support}: give a share of the base, 0 to 1")
-    return Fraction(f"{support:.13g}")
+    return exact(support)
 
 
 def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Finding]:
@@ -129,45 +129,44 @@ class _Ranked:
     """Where boxes begin and end as ranks, which compare as the lengths do, and their tree."""
 
     def __init__(self, boxes: Boxes) -> None:
-        (x_low, x_high), (y_low, y_high), (bottom, top) = (
-            _ranks(np.stack([boxes.low[:, axis], boxes.high[:, axis]])) for axis in range(3)
-        )
+        # Ranks among the lengths along all axes are ranks along each.
+        low, high = _ranks(np.array([boxes.low, boxes.high]))
+        (x_low, y_low, bottom), (x_high, y_high, top) = low.T, high.T
         centres = [x_low + x_high, y_low + y_high, bottom + top]
         self.order = _neighbours(boxes.bin, centres)
         # Bins beside each other along x: boxes of different bins share nothing.
         start = boxes.bin.astype(np.int64) * (int(x_high.max()) + 1)
-        x_low, x_high = _ranks(np.stack([start + x_low, start + x_high]))
+        x_low, x_high = _ranks(np.array([start + x_low, start + x_high]))
         self.bottom, self.top = bottom, top
         turn = np.arange(len(bottom), dtype=np.int32)
         # Less in all of these: earlier, and with a part of the footprint in common.
         self.earlier = -turn
-        self.asked = np.stack([-turn, x_low, -x_high, y_low, -y_high])
-        self.given = np.stack([-turn, x_high, -x_low, y_high, -y_low])
-
-    @cached_property
-    def below(self) -> Tree:
-        """By the top, to find the highest."""
-        return tree_of(np.stack([self.top, *self.given]), self.order)
+        self.asked = [-turn, x_low, -x_high, y_low, -y_high]
+        self.given = [-turn, x_high, -x_low, y_high, -y_low]
 
     def earliest(self, rows: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """The first loaded j over or under each row i with a[i] < b[j] for all limits (a, b).
 
         -1 where there is none.
         """
-        asked = np.stack([*self.asked, *(a for a, _ in limits)])[:, rows]
-        tree = tree_of(np.stack([*self.given, *(b for _, b in limits)]), self.order)
-        return best(asked, tree, 0)
+        below, above = ([*ends] for ends in zip(*limits, strict=True))
+        return self._best(rows, [*self.asked, *below], [*self.given, *above])
 
     def highest_below(self, rows: np.ndarray) -> np.ndarray:
         """Of what was loaded earlier, of rows with nothing in their way; -1 is the floor."""
         floor = np.full_like(self.bottom, -1)
-        return best(np.stack([floor, *self.asked])[:, rows], self.below, 0)
+        return self._best(rows, [floor, *self.asked], [self.top, *self.given])
 
     def touching(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """(places in `rows`, what lies directly under them) in blocks."""
-        asked = np.stack([*self.asked, self.bottom - 1, -self.bottom - 1])[:, rows]
-        tree = tree_of(np.stack([*self.given, self.top, -self.top]), self.order)
+        asked = np.array([*self.asked, self.bottom - 1, -self.bottom - 1])[:, rows]
+        tree = tree_of(np.array([*self.given, self.top, -self.top]), self.order)
         return pairs(asked, tree)
+
+    def _best(self, rows: np.ndarray, asked: list, given: list) -> np.ndarray:
+        if not len(rows):
+            return rows
+        return best(np.array(asked)[:, rows], tree_of(np.array(given), self.order), 0)
 
 
 def _ranks(values: np.ndarray) -> np.ndarray:

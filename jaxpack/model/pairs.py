@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 FAN = 8  # children of a node
+TOP = 64  # nodes of the last level at most: so few are soon compared with
 BLOCK = 1 << 16  # pairs compared at a time: bounds the memory
 _NOTHING = np.iinfo(np.int32).min  # fills up a node: exceeds nothing
 
@@ -19,7 +20,7 @@ class Tree(NamedTuple):
     """Rows to be found."""
 
     order: np.ndarray  # [n], which row each leaf is
-    levels: tuple[np.ndarray, ...]  # int32 [k, nodes], leaves first; the last has one node
+    levels: tuple[np.ndarray, ...]  # int32 [k, nodes], leaves first; the last has few nodes
 
 
 def tree_of(given: np.ndarray, order: np.ndarray) -> Tree:
@@ -30,7 +31,7 @@ def tree_of(given: np.ndarray, order: np.ndarray) -> Tree:
         order: [n], the rows such that neighbours are alike; any permutation is right.
     """
     levels = [given[:, order]]
-    while (count := levels[-1].shape[1]) > 1:
+    while (count := levels[-1].shape[1]) > TOP:
         levels[-1] = np.pad(levels[-1], ((0, 0), (0, -count % FAN)), constant_values=_NOTHING)
         levels.append(levels[-1].reshape(len(given), -1, FAN).max(2))
     return Tree(order, tuple(levels))
@@ -47,9 +48,10 @@ def pairs(asked: np.ndarray, tree: Tree, first: int = 0) -> Iterator[tuple[np.nd
         tree: of `given`.
         first: a column.
     """
-    for start in range(0, asked.shape[1], BLOCK):
-        rows = np.arange(start, min(start + BLOCK, asked.shape[1]))
-        stack = [(len(tree.levels) - 1, rows, np.zeros_like(rows))]
+    top = tree.levels[-1].shape[1]
+    for start in range(0, asked.shape[1], BLOCK // top):
+        rows = np.arange(start, min(start + BLOCK // top, asked.shape[1]))
+        stack = [(len(tree.levels) - 1, rows.repeat(top), np.tile(np.arange(top), len(rows)))]
         while stack:
             level, rows, nodes = stack.pop()
             for least, most in zip(asked, tree.levels[level], strict=True):

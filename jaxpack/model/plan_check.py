@@ -142,7 +142,8 @@ def _too_heavy(job: Job, plan: Plan) -> Iterator[Violation]:
 
     def billionths(weight: float) -> int:
         if weight not in known:
-            known[weight] = int(exact(weight) * 10**WEIGHT_DECIMALS)
+            top, bottom = exact(weight).as_integer_ratio()
+            known[weight] = top * 10**WEIGHT_DECIMALS // bottom
         return known[weight]
 
     for number, packed in enumerate(plan.bins):
@@ -215,41 +216,38 @@ def _boxes(
     room = np.array([job.room(packed) for packed in plan.bins])[number]
     corner = np.array([put.corner for put in puts], float)
     extent = np.array([job.items[put.item].turned(put.orientation) for put in puts])
-    longest, unit = room[:, list(job.axes)].max(axis=1), job.unit
-    units, columns = [], []
-    for axis in range(3):
-        lengths = np.stack([leaf[:, axis] for leaf in (corner, extent, room)])
-        # The width of what is flat is 1, whatever the unit of the others.
-        whole, scale = _whole(lengths, unit if axis in job.axes else Fraction(1), longest)
-        units.append(scale)
-        columns.append(whole)
-    low, size, far = (np.stack(leaves, axis=1) for leaves in zip(*columns, strict=True))
+    longest = room[:, list(job.axes)].max(axis=1)
+    # The width of what is flat is 1, whatever the unit of the others.
+    units = [job.unit if axis in job.axes else Fraction(1) for axis in range(3)]
+    low, size, far = _whole(np.array([corner, extent, room]), units, longest)
     return Boxes(number, low, low + size, far), units
 
 
-def _whole(lengths: np.ndarray, unit: Fraction, longest: np.ndarray) -> tuple[np.ndarray, Fraction]:
-    """(whole numbers, length of one): int64, or Python's numbers where these are too large.
+def _whole(lengths: np.ndarray, units: list[Fraction], longest: np.ndarray) -> np.ndarray:
+    """Whole numbers: int64, or Python's numbers where these are too large.
 
     Args:
-        lengths: finite [k, n].
-        unit: what most of them are multiples of.
+        lengths: finite [k, n, axes].
+        units: of every axis what most of them are multiples of; replaced where one has to be finer.
         longest: [n], the longest side of the bin.
     """
-    step = float(unit)
+    steps, sides = np.array([float(unit) for unit in units]), longest[:, None]
     with np.errstate(over="ignore", invalid="ignore"):
-        count = np.rint(lengths / step)
-        near = (abs(lengths - count * step) < NOISE * longest) & (abs(count) < 2**50)
+        count = np.rint(lengths / steps)
+        near = (abs(lengths - count * steps) < NOISE * sides) & (abs(count) < 2**50)
     whole = np.where(near, count, 0).astype(np.int64)
-    if near.all():
-        return whole, unit
-    sides = np.broadcast_to(longest, lengths.shape)[~near].tolist()
-    between = list(zip(lengths[~near].tolist(), sides, strict=True))
-    known = {(length, side): _meant(length, unit, side) / unit for length, side in set(between)}
-    finer = math.lcm(*(ratio.denominator for ratio in known.values()))
-    exactly = whole.astype(object) * finer
-    exactly[~near] = [int(known[key] * finer) for key in between]
-    small = abs(exactly).max() < 2**61
-    return exactly.astype(np.int64) if small else exactly, unit / finer
+    for axis in np.flatnonzero(~near.all((0, 1))).tolist():
+        off, unit = ~near[..., axis], units[axis]
+        sides = np.broadcast_to(longest, off.shape)[off].tolist()
+        between = list(zip(lengths[off, axis].tolist(), sides, strict=True))
+        known = {(length, side): _meant(length, unit, side) / unit for length, side in set(between)}
+        finer = math.lcm(*(ratio.denominator for ratio in known.values()))
+        exactly = whole[..., axis].astype(object) * finer
+        exactly[off] = [int(known[key] * finer) for key in between]
+        if abs(exactly).max() >= 2**61:
+            whole = whole.astype(object)
+        whole[..., axis], units[axis] = exactly, unit / finer
+    return whole
 
 
 def _meant(length: float, unit: Fraction, side: float) -> Fraction:
