@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 
 from jaxpack.errors import UserError
 from jaxpack.io import foreign
@@ -42,7 +43,7 @@ class Reading:
     say: Say = silent  # takes a line for everything that was assumed
     objective: str = ""  # of the job; see `Job.objective`
 
-    @property
+    @cached_property
     def goal(self) -> Objective:
         """What is wanted, as far as it says which columns mean something."""
         return named(self.objective or "bins")

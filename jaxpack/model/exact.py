@@ -43,7 +43,8 @@ def cut(number: float, places: int) -> float:
 
 def clean(number: float) -> float:
     """The float that is nearest to its 13 digits: `exact` of it is what `str` shows of it."""
-    return float(_text(number))
+    whole = abs(number) < 10**DIGITS and number % 1 == 0
+    return float(number if whole else _text(number))
 
 
 def whole(numbers: np.ndarray) -> tuple[np.ndarray, int]:

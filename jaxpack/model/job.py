@@ -136,6 +136,7 @@ class Job:
         places = self._places()
         if places is None:
             return
+        del self.__dict__["_grain"]  # that of the finer lengths
         object.__setattr__(self, "rounded", 10.0**-places)
         object.__setattr__(self, "items", tuple(_cut_sides(item, places) for item in items))
         object.__setattr__(self, "bins", tuple(_cut_sides(kind, places) for kind in bins))
@@ -150,7 +151,7 @@ class Job:
         if longest > FINEST:
             what = f"its items on top of each other are {self.pile:,.0f} high, more than 2^30"
             raise UserError(f"{self.name or 'the job'}: {what}: choose a larger unit")
-        unit, places = _common_unit(self.lengths())
+        unit, places = self._grain
         if longest / unit <= FINEST and longest * 10**places < 10**DIGITS:
             return None
         return max(n for n in range(places + 1) if longest * 10**n <= FINEST)
@@ -163,7 +164,10 @@ class Job:
     def lengths(self) -> Iterator[float]:
         """The sides of all items and bins, but heights that are open."""
         for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
-            yield from (size[axis] for axis in self.axes if size[axis] < math.inf)
+            x, y, z = size
+            yield from (x, y) if self.dimension == 3 else (x,)
+            if z < math.inf:
+                yield z
 
     @property
     def pile(self) -> float:
@@ -185,10 +189,14 @@ class Job:
         tops = (put.corner[2] + self.items[put.item].turned(put.orientation)[2] for put in puts)
         return x, y, clean(max(tops, default=0.0))
 
-    @cached_property
+    @property
     def unit(self) -> Fraction:
         """The largest length of which every side is a whole multiple."""
-        return _common_unit(self.lengths())[0]
+        return self._grain[0]
+
+    @cached_property
+    def _grain(self) -> tuple[Fraction, int]:
+        return _common_unit(self.lengths())
 
     @cached_property
     def count(self) -> int:
@@ -238,17 +246,22 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
 def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
     if not isinstance(kind, BinType):
         raise fault(f"bin {number}", f"{show(kind)} is no BinType")
+    # The bins of many orders are the same.
+    known: dict[int, BinType] = kind.__dict__.setdefault("_checked", {})
+    if dimension in known and isinstance(kind.size, tuple):
+        return known[dimension]
     where = kind.where or f"bin {number}"
     _check_name(where, kind.name)
     where += f" ({kind.name})" if kind.name else ""
     cost, most = kind.cost, kind.max_weight
-    return replace(
+    known[dimension] = replace(
         kind,
         size=_checked_sides(where, kind.size, dimension, may_be_open=True),
         cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
         max_weight=math.inf if _unlimited(most) else _checked_weight(f"{where}, max_weight", most),
     )
+    return known[dimension]
 
 
 def _check_name(where: str, name: object) -> None:
@@ -263,11 +276,9 @@ def _unlimited(most: object) -> bool:
 def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool = False) -> Sides:
     if not isinstance(sides, tuple | list) or len(sides) != 3:
         raise fault(where, f"size {show(sides)}", "give three sides, along x, y and z")
-    ends = [may_be_open and n == 2 and _unlimited(side) for n, side in enumerate(sides)]
-    x, y, z = (
-        math.inf if end else clean(as_size(side, f"{where}, size"))
-        for side, end in zip(sides, ends, strict=True)
-    )
+    what, given = f"{where}, size", sides[:2] if may_be_open and _unlimited(sides[2]) else sides
+    x, y, *end = [clean(as_size(side, what)) for side in given]
+    z = end[0] if end else math.inf
     if dimension == 2 and y != 1:
         raise fault(where, f"size {(x, y, z)} in 2D", "give width (the second) as 1")
     return x, y, z
@@ -275,7 +286,7 @@ def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool =
 
 def _checked_weight(where: str, weight: float) -> float:
     weight = clean(as_weight(weight, where))
-    fine = weight and decimals([weight]) > WEIGHT_DECIMALS
+    fine = not weight.is_integer() and decimals([weight]) > WEIGHT_DECIMALS
     return cut(weight, WEIGHT_DECIMALS) if fine else weight
 
 

@@ -47,7 +47,7 @@ def as_number(value: object, where: str) -> float:
         raise fault(where, "empty: give a number")
     if isinstance(value, str):
         number = float(value) if _NUMBER.fullmatch(value.strip()) else None
-    elif isinstance(value, Real | Decimal) and not isinstance(value, bool):
+    elif isinstance(value, float | int | Real | Decimal) and not isinstance(value, bool):
         try:
             number = float(value)
         except (OverflowError, ValueError):  # an int or a Decimal that has no float
