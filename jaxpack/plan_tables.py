@@ -15,6 +15,7 @@ from jaxpack.model.objectives import objective_of
 from jaxpack.search.record import Progress
 from jaxpack.solution import Solution
 
+LISTED = 60  # orders, a row for each; of more there are the sums alone
 NAMED = 5  # of many things the first few are named
 
 
@@ -109,6 +110,26 @@ def table_of_many(solutions: Sequence[Solution]) -> Table:
     return table
 
 
+def figures_of_all(solutions: Sequence[Solution]) -> dict[str, str]:
+    """What the plans of several orders amount to together."""
+    bins, bound = sum(one.figures.bins for one in solutions), sum(one.bound for one in solutions)
+    at_bound = sum(found.gap == 0 for found in solutions)
+    above = f", gap {_percent(bins / bound - 1)}" if bound else ""
+    rows = {
+        "orders": f"{counted(len(solutions), 'order')}, {at_bound:,} of them at their bound",
+        "bins": f"{bins:,}, at least {bound:,}{above}",
+    }
+    if any(found.job.priced for found in solutions):
+        cost, least = (
+            sum(one.figures.cost for one in solutions),
+            sum(one.least_cost for one in solutions),
+        )
+        rows["cost"] = f"{_number(cost)}, at least {_number(least)}"
+    if left_out := sum(found.figures.left_out for found in solutions):
+        rows["left out"] = counted(left_out, "item")
+    return rows
+
+
 def _kinds(job: Job, found: Solution) -> str:
     """How many of each kind of bin, if there are several."""
     if len(job.bins) == 1:
@@ -155,7 +176,10 @@ def print_table(console: Console, table: Table) -> None:
 def print_solutions(console: Console, solutions: Sequence[Solution], several: bool) -> None:
     """One solution as a line per figure, several as a table with a row for each."""
     if several:
-        print_table(console, table_of_many(solutions))
+        if len(solutions) <= LISTED:
+            print_table(console, table_of_many(solutions))
+        for name, value in figures_of_all(solutions).items():
+            say(console, f"{name:<13}{value}")
         return
     for found in solutions:
         for name, value in figures_of_one(found).items():

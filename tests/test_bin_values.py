@@ -14,9 +14,8 @@ from jaxpack.model.encoding import Rules, load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
 from jaxpack.search import bin_values, filling
-from jaxpack.search.beam import fill
+from jaxpack.search.beam import alone, fill
 from jaxpack.search.bin_types import cheapest_types
-from jaxpack.search.beam import alone
 from jaxpack.search.bin_values import has_values, search_values
 from jaxpack.search.blocks import step
 from jaxpack.search.fillings import best_of, cover, kinds_of, longest_sums

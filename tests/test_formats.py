@@ -213,7 +213,8 @@ def test_bad_files(tmp_path):
     assert_refused(lambda: read_job(Path("a\0b.csv"), bins), "cannot be read (embedded null")
     assert_refused(lambda: read_job(tmp_path / "a\nb.csv", bins), "a?b.csv: cannot be read")
     assert_refused(lambda: read_job(tmp_path / "a.ods"), "files '.ods' are not known")
-    assert_refused(lambda: read_job(tmp_path), "are not known: give .csv, .xlsx, .ins2D or .json")
+    known = "are not known: give .csv, .xlsx, .parquet, .ins2D or .json"
+    assert_refused(lambda: read_job(tmp_path), known)
 
 
 def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):

@@ -6,10 +6,11 @@ each of those that could still win. What is found for an order depends on it, th
 number of packings alone, not on the orders beside it.
 """
 
-import math
+from collections import deque
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
-from itertools import islice
+from math import inf
 from time import perf_counter
 from typing import Any
 
@@ -25,10 +26,10 @@ from jaxpack.search.record import End, Progress, Record
 from jaxpack.search.together import Fill, fill_together
 from jaxpack.search.uncompiled import search_uncompiled
 
-DRAWS = (1, 4, 8, 16, None)  # fillings of a bin in the first passes: most orders need no more
+DRAWS = (1, 2, 4, 4, 8, 8, 16, None)  # fillings of a bin in the first passes; most need no more
 WINDOW = 512  # orders that are searched side by side
 LESSER = 16  # packings that count as one where only what comes after the measure can be won
-BOUNDED = {4: 0.02, 16: 0.2}  # packings -> seconds for better bounds then
+BOUNDED = {8: 0.02, 32: 0.2}  # packings -> seconds for better bounds then
 DEEP, SHARE = 32, 1.0  # packings after which an order may be searched alone, for so many seconds
 
 Tell = Callable[[int, Progress], object]
@@ -52,7 +53,8 @@ class _Order:
     def __init__(self, number: int, job: Job, options: SolveOptions, stop: Callable[[], bool]):
         begun = perf_counter()
         self.given, self.place = job, canonical_order(job)
-        self.job = job = replace(job, items=tuple(job.items[n] for n in self.place))
+        self.job = job = copy(job)  # it has been checked
+        object.__setattr__(job, "items", tuple(job.items[n] for n in self.place))
         loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
         self.number, self.loading = number, loading
         self.record = Record(job, loading, bounds(job, 0.0), begun)
@@ -123,19 +125,18 @@ def pack_wave(
         jobs: of the orders.
         options: seconds are those for all of them together, packings those for each.
         stop: asked many times a second; ends the searches early.
-        tell: called with the first plan of every order, and when it ends.
+        tell: called with the first packing of every order, and when it ends.
         fill: what fills the bins.
     """
-    wave = _Wave(options, stop, tell, fill, [None] * len(jobs))
-    rest = iter(enumerate(jobs))
-    while not stop() and (some := list(islice(rest, WINDOW))):
-        wave.begin(some)
-    while wave.waiting and not wave.late():
-        if wave.share():
+    wave = _Wave(jobs, options, stop, tell, fill)
+    while not wave.late() and (wave.rest or wave.waiting or wave.active):
+        if not wave.rest and wave.share():
             wave.search_alone()
             break
         wave.go_on()
-    wave.close(wave.waiting)
+    while wave.rest and not stop():  # a plan for each, however late it is
+        wave.begin()
+    wave.close(wave.active + wave.waiting)
     return wave.ended
 
 
@@ -144,61 +145,66 @@ class _Wave:
 
     def __init__(
         self,
+        jobs: Sequence[Job],
         options: SolveOptions,
         stop: Callable[[], bool],
         tell: Tell,
         fill: Fill,
-        ended: list[Progress | UserError | None],
     ) -> None:
         self.options, self.stop, self.tell, self.fill = options, stop, tell, fill
-        self.ended = ended
-        self.waiting = list[_Order]()
+        self.ended: list[Progress | UserError | None] = [None] * len(jobs)
+        self.rest = deque(enumerate(jobs))
+        self.active, self.waiting = list[_Order](), list[_Order]()
         self.end = perf_counter() + options.seconds
 
     def late(self) -> bool:
         """Whether there is no time left."""
         return perf_counter() > self.end or self.stop()
 
-    def begin(self, jobs: Sequence[tuple[int, Job]]) -> None:
-        """With a plan for each of some orders, however late it is."""
-        new = []
-        for number, job in jobs:
-            try:
-                new.append(_Order(number, job, self.options, self.late))
-            except UserError as error:
-                self.ended[number] = error
-        self.pack(new)
-        for one in new:
-            if one.record.plan is None:
-                genes = lane_genes(one.loading, self.options.seed, 0)
-                one.take(quick_plan(one.loading, genes, self.late), 1)
-            self.tell(one.number, one.record.progress(None))
-        self.keep(new)
+    def begin(self) -> None:
+        """With the next order."""
+        number, job = self.rest.popleft()
+        try:
+            self.active.append(_Order(number, job, self.options, self.late))
+        except UserError as error:
+            self.ended[number] = error
+
+    def admit(self) -> None:
+        """Those that are next to the others: new ones first, then by their rank."""
+        while self.rest and len(self.active) < WINDOW and not self.late():
+            self.begin()
+        if self.rest or not self.waiting or len(self.active) >= WINDOW:
+            return
+        # Those of which the measure may be won wait for nobody, the others for them.
+        level = 1 + min((one.rank for one in self.active + self.waiting if one.above), default=inf)
+        self.waiting.sort(key=lambda one: (one.rank, one.number))
+        may = [one for one in self.waiting if one.above or one.rank < level]
+        some = may[: WINDOW - len(self.active)]
+        gone = {one.number for one in some}
+        self.active += some
+        self.waiting = [one for one in self.waiting if one.number not in gone]
 
     def go_on(self) -> None:
-        """With those that are next."""
-        self.waiting.sort(key=lambda one: (one.rank, one.number))
-        most = self.waiting[0].rank + 1
-        some = [one for one in self.waiting[:WINDOW] if one.rank < most]
-        self.waiting = self.waiting[len(some) :]
-        self.pack(some)
-        for one in some:
+        """With the next bins of those that are packed side by side."""
+        self.admit()
+        asked, done = [], []
+        for one in self.active:
+            what = one.go_on()
+            done.append(one) if what is None else asked.append((one, what))
+        full = self.fill([what for _, what in asked], self.late)
+        for (one, _), filled in zip(asked, full, strict=True):
+            one.filled = filled
+        self.active = [one for one, _ in asked]
+        for one in done:
+            if one.turns == 1:
+                self.tell(one.number, one.record.progress(None))
             if one.turns in BOUNDED and one.above and not one.ended and not self.late():
                 one.bound(None if self.options.packings else BOUNDED[one.turns])
-        self.keep(some)
-
-    def pack(self, orders: Sequence[_Order]) -> None:
-        """A packing more of each, as far as there is time."""
-        while orders:
-            asked = [(one, what) for one in orders if (what := one.go_on())]
-            full = self.fill([what for _, what in asked], self.late)
-            for (one, _), filled in zip(asked, full, strict=True):
-                one.filled = filled
-            orders = [one for one, _ in asked]
+        self.keep(done)
 
     def keep(self, orders: Sequence[_Order]) -> None:
         """Those that are not done; the others end."""
-        most = self.options.packings or math.inf
+        most = self.options.packings or inf
         done = [one for one in orders if one.ended or one.record.packings >= most]
         self.close(done)
         gone = {one.number for one in done}
@@ -208,12 +214,15 @@ class _Wave:
         """Ends some."""
         why = End.INTERRUPT if self.stop() else End.BUDGET if self.options.packings else End.TIME
         for one in orders:
+            if one.record.plan is None:
+                genes = lane_genes(one.loading, self.options.seed, 0)
+                one.take(quick_plan(one.loading, genes, self.late), 1)
             self.ended[one.number] = found = one.progress(why)
             self.tell(one.number, found)
 
     def share(self) -> float:
         """Seconds for each that could still win, where it is worth while to search it alone."""
-        above = [one for one in self.waiting if one.above]
+        above = [one for one in self.active + self.waiting if one.above]
         if self.options.packings or any(one.turns < DEEP for one in above) or not above:
             return 0
         share = (self.end - perf_counter()) / len(above)
@@ -221,7 +230,7 @@ class _Wave:
 
     def search_alone(self) -> None:
         """Each that could still win, for its share of the time."""
-        above = [one for one in self.waiting if one.above]
+        above = [one for one in self.active + self.waiting if one.above]
         for number, one in enumerate(above):
             share = (self.end - perf_counter()) / (len(above) - number)
             if share > 0 and not self.stop():
