@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any
@@ -19,6 +20,7 @@ from jaxpack.search.record import Progress
 from jaxpack.solution import Solution
 from jaxpack.workers import packed
 
+LEAST = 1e-3  # seconds
 TOLD = 0.2  # seconds between two messages of how far it is
 
 
@@ -32,7 +34,10 @@ def main() -> None:
     Thread(target=_receive, args=(requests,), daemon=True).start()
     while (request := requests.get()) is not None:
         if request != ():
-            jobs, options = request
+            jobs, options, asked = request
+            if options.time_limit is not None:  # of it something has gone into starting
+                left = max(options.time_limit - (time.time() - asked), LEAST)
+                options = replace(options, time_limit=left)
             _send(replies, _packed(jobs, options, requests, replies))
 
 

@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -80,7 +81,7 @@ class Workers:
         while True:
             while idle and not stop() and (task := next(waiting, None)):
                 busy[idle[0]] = task[0]
-                self._send(idle.pop(0), task[1])
+                self._send(idle.pop(0), (*task[1], time.time()))
             if not busy:
                 return
             if stop() and not stopped:

@@ -286,7 +286,7 @@ def test_orders_have_files_each_and_one_for_all(home, monkeypatch, capsys):
         ["a/b", "2", "0", "1"],
     ]
     assert "2 orders" in output
-    assert "error: orders.json: order 'tall': no bin can hold" in errors
+    assert "error: orders.json: order 'tall': " in errors
     plans = json.loads((home / "all.json").read_text())
     assert {name: len(plan) for name, plan in plans.items()} == {"0017": 1, "a/b": 2}
 

@@ -106,9 +106,10 @@ def test_orders_that_cannot_be_packed_stop_no_other():
     assert all(isinstance(one, Progress) for n, one in enumerate(found) if n != 2)
 
 
-def test_every_order_has_a_plan_when_time_is_short():
-    jobs = orders_of(12)
-    for one, job in zip(pack_wave(jobs, SolveOptions(time_limit=1e-6)), jobs, strict=True):
+@pytest.mark.parametrize("seconds", [1e-6, 0.02, 0.04, 0.08, 0.15, 0.3])
+def test_every_order_has_a_plan_when_time_is_short(seconds):
+    jobs = orders_of(18)
+    for one, job in zip(pack_wave(jobs, SolveOptions(time_limit=seconds)), jobs, strict=True):
         check_plan(job, one.plan)
         assert not one.plan.left_out
 

@@ -196,6 +196,8 @@ class _Wave:
             one.filled = filled
         self.active = [one for one, _ in asked]
         for one in done:
+            if one.record.plan is None:  # it was late, or the packing was none
+                continue
             if one.turns == 1:
                 self.tell(one.number, one.record.progress(None))
             if one.turns in BOUNDED and one.above and not one.ended and not self.late():
