@@ -55,6 +55,7 @@ def pack_orders(
     workers: int | None = None,
     stop: Callable[[], bool] = lambda: False,
     tell: Callable[[Far], object] = lambda far: None,
+    devices: int | None = None,
 ) -> Packed:
     """Of every order its solution, what is wrong with it, or None if it was not begun.
 
@@ -64,11 +65,16 @@ def pack_orders(
         workers: processes, one for each core if not given.
         stop: asked many times a second; ends the searches with what there is.
         tell: called now and then.
+        devices: JAX's, so many of which fill the bins instead of processes.
 
     Raises:
-        UserError: where a process is ended from outside.
+        UserError: where there are not so many devices, or a process is ended from outside.
     """
     options = timed(options, len(jobs))
+    if devices is not None:
+        from jaxpack.search.device_fill import DeviceFill  # JAX, which cores can do without
+
+        return packed(jobs, options, stop, fill=DeviceFill(devices))
     workers = min(workers or usable_cores(), len(jobs))
     if workers < 2:
         return packed(jobs, options, stop)
@@ -102,6 +108,7 @@ def solve_many(
     objective: str = "",
     rule: str = "lowest",
     workers: int | None = None,
+    devices: int | None = None,
     progress: Callable[[Far], object] = lambda far: None,
 ) -> tuple[Any, Any]:
     """Packs the orders of a table, all into bins of the same types.
@@ -116,6 +123,8 @@ def solve_many(
             plan is the same, whatever orders are beside it and however many workers there are.
         seed, support, inclusive, resolution, skip_unfit, ignore, objective, rule: see `solve`.
         workers: processes that pack; one for each core if not given.
+        devices: JAX's, so many of which fill the bins in this process instead: for GPUs. The plans
+            are the same. On a CPU the processes are much faster.
         progress: called a few times a second with how `Far` it is; if it returns something true,
             the searches end with what there is.
 
@@ -137,6 +146,7 @@ def solve_many(
         time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings, rule=rule
     )
     workers = None if workers is None else as_whole(workers, "workers", 1)
+    devices = None if devices is None else as_whole(devices, "devices", 1)
     for job in jobs[:1]:
         options = checked_options(options, job)
     enough = False
@@ -145,7 +155,7 @@ def solve_many(
         nonlocal enough
         enough = bool(progress(far)) or enough
 
-    found = pack_orders(jobs, options, workers, lambda: enough, tell)
+    found = pack_orders(jobs, options, workers, lambda: enough, tell, devices)
     results = [*zip([job.name for job in jobs], found, strict=True)]
     results += [(name, str(error)) for name, error in wrong.items()]
     return tuple(like(orders, table) for table in tables_of(results))

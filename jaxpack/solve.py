@@ -89,6 +89,8 @@ class CommandOptions:
     """Packings that are tried at most in each order: the plan is the same then with one seed."""
     workers: int | None = None
     """Processes that pack several orders; one for each core if not given."""
+    devices: int | None = None
+    """JAX's devices, so many of which pack several orders instead: for GPUs."""
     seed: int = SolveOptions.seed
     """Gives the random choices."""
     support: float = SolveOptions.support
@@ -287,15 +289,16 @@ def main(argv: Sequence[str]) -> None:
     )
     for job in jobs[:1] if how.resolution is None else jobs:
         how = checked_options(how, job, _flag)
-    if options.workers is not None:
-        as_whole(options.workers, "--workers", 1)
+    for name in ("workers", "devices"):
+        if (number := getattr(options, name)) is not None:
+            as_whole(number, _flag(name), 1)
     several = len(jobs) + len(wrong) > 1
     files = dict(zip([job.name for job in jobs], plan_files(options, jobs), strict=True))
     with interrupts() as interrupted:
         try:
             if several:
                 how = timed(how, len(jobs))
-                packed = pack_all(jobs, how, options.workers, interrupted, status)
+                packed = pack_all(jobs, how, options.workers, options.devices, interrupted, status)
                 found = dict(zip(files, packed, strict=True))
             else:
                 found = solve_one(jobs[0], how, options.items, interrupted, status)

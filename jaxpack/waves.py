@@ -23,6 +23,7 @@ def pack_all(
     jobs: Sequence[Job],
     how: SolveOptions,
     workers: int | None,
+    devices: int | None,
     interrupted: Sequence[int],
     status: Screen,
 ) -> Packed:
@@ -41,7 +42,7 @@ def pack_all(
             say(status, f"{seconds:.0f} s: {line}")
 
     with live if status.is_terminal else nullcontext():
-        return pack_orders(jobs, how, workers, lambda: bool(interrupted), tell)
+        return pack_orders(jobs, how, workers, lambda: bool(interrupted), tell, devices)
 
 
 def progress_line(far: Far, seconds: float, how: SolveOptions) -> str:

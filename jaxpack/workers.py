@@ -12,8 +12,10 @@ from typing import Any
 
 from jaxpack.errors import UserError
 from jaxpack.model.job import Job
+from jaxpack.search.beam import fill
 from jaxpack.search.portfolio import SolveOptions
 from jaxpack.search.record import Progress
+from jaxpack.search.together import Fill
 from jaxpack.search.wave import Tell, pack_wave
 from jaxpack.solution import Solution, solution
 from jaxpack.xla.environment import environment_of_another
@@ -31,9 +33,10 @@ def packed(
     options: SolveOptions,
     stop: Callable[[], bool] = lambda: False,
     tell: Tell = lambda number, found: None,
+    fill: Fill = fill,
 ) -> Packed:
     """What `pack_wave` ends with, in this process."""
-    found = pack_wave(jobs, options, stop, tell)
+    found = pack_wave(jobs, options, stop, tell, fill)
     return [
         solution(one.job, one) if isinstance(one, Progress) else str(one) if one else None
         for one in found

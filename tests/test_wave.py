@@ -74,6 +74,24 @@ def test_a_plan_depends_on_no_other_order():
     assert plans(on_two) == whole
 
 
+ON_DEVICES = """
+import sys
+sys.path.insert(0, "tests")
+import jax
+jax.config.update("jax_num_cpu_devices", 8)
+from test_wave import PACKINGS, orders_of, plans
+from jaxpack.many import pack_orders
+jobs = orders_of(6)
+first, *others = (plans(pack_orders(jobs, PACKINGS, 1, devices=n)) for n in (None, 1, 2, 8))
+assert others == [first] * 3
+"""
+
+
+@pytest.mark.slow
+def test_a_plan_does_not_depend_on_the_devices():
+    subprocess.run([sys.executable, "-c", ON_DEVICES], check=True, timeout=900)
+
+
 def test_a_plan_does_not_depend_on_the_order_of_rows():
     for job in orders_of(8):
         (one,) = plans(pack_wave([job], PACKINGS))

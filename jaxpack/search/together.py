@@ -12,19 +12,21 @@ import numpy as np
 
 from jaxpack.search.beam import Asked, fill
 from jaxpack.search.filling import FAR, Filling, Goods
+from jaxpack.search.fillings import Kinds
 from jaxpack.search.quick import Stop
 
 AT_ONCE = 2048  # lanes
-Fill = Callable[[Sequence[Asked], Stop], list[Filling]]
-"""Fills bins that searches ask for, as `fill_together` does."""
+Fill = Callable[[Kinds, Goods, Stop], Filling]
+"""Fills bins, as `fill` does."""
 
 
-def fill_together(asked: Sequence[Asked], stop: Stop) -> list[Filling]:
+def fill_together(asked: Sequence[Asked], stop: Stop, fill: Fill = fill) -> list[Filling]:
     """The bins of each of them, filled as `fill` would.
 
     Args:
         asked: bins to fill, of any searches.
         stop: as of `fill`.
+        fill: what fills them.
     """
     alike = defaultdict[tuple, list[int]](list)
     for n, one in enumerate(asked):
@@ -34,7 +36,7 @@ def fill_together(asked: Sequence[Asked], stop: Stop) -> list[Filling]:
     for mine in alike.values():
         mine.sort(key=lambda n: len(asked[n].goods.count))  # little is padding then
         for some in _parts(mine, [len(asked[n].goods.limit) for n in mine]):
-            filled |= zip(some, _filled([asked[n] for n in some], stop), strict=True)
+            filled |= zip(some, _filled([asked[n] for n in some], stop, fill), strict=True)
     return [filled[n] for n in range(len(asked))]
 
 
@@ -45,7 +47,7 @@ def _parts(members: list[int], lanes: list[int]) -> list[list[int]]:
     return [members[a:b] for a, b in pairwise(starts)]
 
 
-def _filled(asked: list[Asked], stop: Stop) -> list[Filling]:
+def _filled(asked: list[Asked], stop: Stop, fill: Fill) -> list[Filling]:
     if len(asked) == 1:
         return [fill(*asked[0], stop)]
     kinds = replace(asked[0].kinds, blocks=max(one.kinds.blocks for one in asked))

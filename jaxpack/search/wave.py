@@ -18,7 +18,7 @@ from jaxpack.errors import UserError
 from jaxpack.model.encoding import lane_genes, load_job
 from jaxpack.model.job import Job
 from jaxpack.model.objectives import bounds
-from jaxpack.search.beam import Asked
+from jaxpack.search.beam import Asked, fill
 from jaxpack.search.local_search import Best, better
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.quick import quick_plan
@@ -117,7 +117,7 @@ def pack_wave(
     options: SolveOptions,
     stop: Callable[[], bool] = lambda: False,
     tell: Tell = lambda number, found: None,
-    fill: Fill = fill_together,
+    fill: Fill = fill,
 ) -> list[Progress | UserError | None]:
     """For every order its last progress, what is wrong with it, or None if it was not begun.
 
@@ -191,7 +191,7 @@ class _Wave:
         for one in self.active:
             what = one.go_on()
             done.append(one) if what is None else asked.append((one, what))
-        full = self.fill([what for _, what in asked], self.late)
+        full = fill_together([what for _, what in asked], self.late, self.fill)
         for (one, _), filled in zip(asked, full, strict=True):
             one.filled = filled
         self.active = [one for one, _ in asked]
