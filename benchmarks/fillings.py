@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "experiments"))
 from public_instances import IVANCIC, add_data_option, data_file, read_ivancic
 
 from jaxpack.model.encoding import Loading, Rules, lane_genes, load_job
-from jaxpack.search import beam, between_bins, bin_values
+from jaxpack.search import beam, bin_values
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.quick import quick_plan, search_quickly
 
@@ -26,14 +26,16 @@ def by_value(loading: Loading, seconds: float) -> Iterator[int]:
     """Items of every filling."""
     placed = 0
 
+    fill = beam.fill
+
     def counted(kinds, goods, stop, now=None):
         nonlocal placed
-        done = beam.fill(kinds, goods, stop, now)
+        done = fill(kinds, goods, stop, now)
         placed += int((goods.count - done.left).sum())
         return done
 
     end = time.process_time() + seconds
-    with patch.object(bin_values, "fill", counted), patch.object(between_bins, "fill", counted):
+    with patch.object(beam, "fill", counted):
         for _ in bin_values.search_values(
             loading, 0, lambda: time.process_time() > end, judge=shipped()
         ):
