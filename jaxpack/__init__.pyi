@@ -1,5 +1,7 @@
 """The public names, one a line: type checkers read this, and so does `__init__.py`."""
 
+from jaxpack.batches import orders_as_rows as orders_as_rows
+from jaxpack.batches import solve_batch as solve_batch
 from jaxpack.comparison import Comparison as Comparison
 from jaxpack.comparison import compare as compare
 from jaxpack.errors import UserError as UserError

@@ -12,6 +12,7 @@ COMMANDS = {
     "solve": "pack a list of items into bins and write the checked plan",
     "train": "train a policy in a run folder",
     "evaluate": "compare methods on fresh instances",
+    "stream": "pack a Parquet file of any number of orders into part files; goes on after a kill",
     "check": "check a plan of anyone against its items and bins",
     "warm": "compile once, after an install, what solve would compile when it meets an order",
 }

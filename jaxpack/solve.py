@@ -2,11 +2,10 @@
 
 import math
 import re
-import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,10 +13,11 @@ from types import ModuleType
 
 from rich.console import Console
 from rich.live import Live
-from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
+from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
+from jaxpack.flags import HowToPack, flag, interrupts
 from jaxpack.io.arrow import arrow, write_columns
 from jaxpack.io.atomic import check_writable
 from jaxpack.io.bed_bpp import write_bed_bpp
@@ -58,7 +58,7 @@ OF_ALL = ("bed_bpp", "placements", "figures")
 
 
 @dataclass(frozen=True)
-class CommandOptions:
+class CommandOptions(HowToPack):
     """Pack items into as few bins as can be found in the time, or into the cheapest."""
 
     items: Positional[Path]
@@ -82,36 +82,10 @@ class CommandOptions:
     """Write one table with a row per item of all orders: .csv or .parquet."""
     figures: Path | None = None
     """Write one table with a row per order: .csv or .parquet."""
-    time_limit: float | None = None
-    """Seconds for the search, of all orders together: 10 unless packings are given, and 0.02 for
-    each of more than 500 orders."""
-    packings: int | None = None
-    """Packings that are tried at most in each order: the plan is the same then with one seed."""
-    workers: int | None = None
-    """Processes that pack several orders; one for each core if not given."""
     devices: int | None = None
     """JAX's devices, so many of which pack several orders instead: for GPUs."""
-    seed: int = SolveOptions.seed
-    """Gives the random choices."""
-    support: float = SolveOptions.support
-    """Share of an item's base, 0 to 1, of which MORE has to lie on what is under it; of 1 all."""
-    support_inclusive: FlagCreatePairsOff[bool] = SolveOptions.inclusive
-    """Exactly that share of the base is enough too: such an item may tip over."""
-    resolution: float | None = None
-    """Corners stand along x and y on a grid of this length; anywhere if not given."""
-    skip_unfit: FlagCreatePairsOff[bool] = False
-    """Leave out the items that no bin can hold; otherwise they are an error."""
-    objective: str = ""
-    """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
-    column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
-    a COST, otherwise bins."""
-    rule: str = SolveOptions.rule
-    """Which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
-    least-wasted."""
     order: str | None = None
     """Solve only the order of that name."""
-    ignore: UseAppendAction[tuple[str, ...]] = ()
-    """A column of the files that need not be obeyed; may be given several times."""
     packingsolver: FlagCreatePairsOff[bool] = False
     """Read CSV files exactly as PackingSolver does, where that differs."""
 
@@ -129,7 +103,7 @@ def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, P
         if path is None:
             continue
         if path.suffix.lower() not in suffixes:
-            raise UserError(f"{_flag(option)} {path}: end it with {' or '.join(suffixes)}")
+            raise UserError(f"{flag(option)} {path}: end it with {' or '.join(suffixes)}")
         if option == "bed_bpp" and options.items.suffix.lower() != ".json":
             raise UserError(f"--bed-bpp {path}: {options.items} is no file of BED-BPP orders")
         if option in OF_ALL:
@@ -149,38 +123,16 @@ def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, P
         try:
             check_writable(path)
         except UserError as error:
-            raise UserError(f"{_flag(option)} {error}") from None
+            raise UserError(f"{flag(option)} {error}") from None
         if (reason := taken.get(path.resolve())) is not None:
-            raise UserError(f"{_flag(option)} {path}: {reason}; name another")
-        taken[path.resolve()] = f"{_flag(option)} is written to it"
+            raise UserError(f"{flag(option)} {path}: {reason}; name another")
+        taken[path.resolve()] = f"{flag(option)} is written to it"
     return files
-
-
-def _flag(option: str) -> str:
-    return f"--{option.replace('_', '-')}"
 
 
 def _of_order(path: Path, job: Job) -> Path:
     order = re.sub(r"[^\w.-]", "_", job.name)  # nothing in it leads to another folder
     return path.with_name(f"{path.stem}-{order}{path.suffix}")
-
-
-@contextmanager
-def interrupts() -> Iterator[list[int]]:
-    """The SIGINTs and SIGTERMs that came in: a list that grows. A second one acts as always."""
-    received: list[int] = []
-
-    def receive(number: int, _: object) -> None:
-        received.append(number)
-        signal.signal(number, before[number])
-
-    numbers: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, receive) for number in numbers}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def search(
@@ -277,21 +229,11 @@ def main(argv: Sequence[str]) -> None:
         tell,
         wrong.__setitem__,
     )
-    how = SolveOptions(
-        options.time_limit,
-        options.seed,
-        options.support,
-        options.support_inclusive,
-        options.resolution,
-        options.skip_unfit,
-        packings=options.packings,
-        rule=options.rule,
-    )
+    how = options.how
     for job in jobs[:1] if how.resolution is None else jobs:
-        how = checked_options(how, job, _flag)
-    for name in ("workers", "devices"):
-        if (number := getattr(options, name)) is not None:
-            as_whole(number, _flag(name), 1)
+        how = checked_options(how, job, flag)
+    if options.devices is not None:
+        as_whole(options.devices, "--devices", 1)
     several = len(jobs) + len(wrong) > 1
     files = dict(zip([job.name for job in jobs], plan_files(options, jobs), strict=True))
     with interrupts() as interrupted:

@@ -1,8 +1,8 @@
 """What `jaxpack solve` does where a file holds several orders."""
 
 import time
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.live import Live
@@ -28,21 +28,34 @@ def pack_all(
     status: Screen,
 ) -> Packed:
     """The orders packed on all cores, with a line of how far it is until then."""
+    with live_line(status) as show:
+
+        def tell(far: Far) -> None:
+            show(lambda seconds: progress_line(far, seconds, how))
+
+        return pack_orders(jobs, how, workers, lambda: bool(interrupted), tell, devices)
+
+
+@contextmanager
+def live_line(status: Screen) -> Iterator[Callable[[Callable[[float], str]], None]]:
+    """Shows how far it is: one line on a terminal, elsewhere now and then one.
+
+    Gives what takes a function of the seconds since the block began, whose line is shown.
+    """
     begun, said = time.perf_counter(), 0.0
     live = Live(console=status, auto_refresh=False, transient=True)
 
-    def tell(far: Far) -> None:
+    def show(line: Callable[[float], str]) -> None:
         nonlocal said
         seconds = time.perf_counter() - begun
-        line = progress_line(far, seconds, how)
         if live.is_started:
-            live.update(plain_text(line), refresh=True)
+            live.update(plain_text(line(seconds)), refresh=True)
         elif seconds > said + SAID:
             said = seconds
-            say(status, f"{seconds:.0f} s: {line}")
+            say(status, f"{seconds:.0f} s: {line(seconds)}")
 
     with live if status.is_terminal else nullcontext():
-        return pack_orders(jobs, how, workers, lambda: bool(interrupted), tell, devices)
+        yield show
 
 
 def progress_line(far: Far, seconds: float, how: SolveOptions) -> str:

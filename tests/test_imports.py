@@ -6,7 +6,7 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate", "solve", "check", "warm"}
+DOORS = {"train", "evaluate", "solve", "check", "warm", "stream"}
 TOP = {
     "methods",
     "comparison",
@@ -21,6 +21,9 @@ TOP = {
     "workers",
     "many",
     "waves",
+    "flags",
+    "parts",
+    "batches",
 }
 BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
 ALLOWED = {

@@ -9,6 +9,10 @@ from jaxpack.io.atomic import replace_file
 from jaxpack.io.tables import write_table
 from jaxpack.model.numbers import fault
 
+WHOLE = ("BIN", "STEP", "ITEM", "BINS", "BOUND", "ITEMS", "LEFT_OUT", "PACKINGS")
+REAL = ("X", "Y", "Z", "LX", "LY", "LZ", "COST", "GAP", "FILL")
+"""Columns of results that are numbers; the others are texts."""
+
 
 def arrow() -> Any:
     """The module pyarrow, with its Parquet.
@@ -37,19 +41,26 @@ def opened(path: Path) -> Any:
         raise fault(path, f"is no Parquet file that can be read: {first_line(error)}") from error
 
 
-def read_columns(path: Path) -> dict[str, list[Any]]:
-    """All columns of a Parquet file."""
+def read_columns(path: Path) -> Any:
+    """All columns of a Parquet file, as an Arrow table."""
     file = opened(path)
     try:
-        columns: dict[str, list[Any]] = file.read().to_pydict()
+        return file.read()
     except (OSError, arrow().ArrowException) as error:
         raise fault(path, f"is damaged: {first_line(error)}") from error
-    return columns
 
 
 def first_line(error: BaseException) -> str:
     """Of what an exception says."""
     return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def typed(columns: Mapping[str, Sequence[Any]]) -> Any:
+    """Columns of results as an Arrow table, of the same types whatever is in them."""
+    pa = arrow()
+    types = {**dict.fromkeys(WHOLE, pa.int64()), **dict.fromkeys(REAL, pa.float64())}
+    schema = pa.schema([(name, types.get(name, pa.string())) for name in columns])
+    return pa.table(dict(columns), schema)
 
 
 def write_columns(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:

@@ -15,7 +15,7 @@ value: without it items are worth their volume, and bins without COPIES are one.
 height that of a bin may be empty or -1: it is open. See docs/file-formats.md.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -157,6 +157,56 @@ def jobs_from_columns(
     items = table_from_columns(orders, "orders")
     items.need((ORDER,))
     return _jobs(items, table_from_columns(bins, "bins"), "", reading, True, bad)
+
+
+def jobs_of_groups(
+    items: Table,
+    bins: Table,
+    groups: Iterable[tuple[str, slice]],
+    *,
+    ignore: str | Sequence[str] = (),
+    objective: str = "",
+    say: Say = silent,
+) -> list[Job | UserError]:
+    """A job for every group of a table's lines, or what is wrong with it.
+
+    Args:
+        items: a table; its column ORDER, if it has one, says nothing.
+        bins: a table.
+        groups: the name of each, and which lines it has.
+        ignore, objective, say: see `read_job`. What is said is of the columns and the bins alone.
+
+    Raises:
+        UserError: where anything is wrong with the columns or the bins.
+    """
+    reading = Reading(_capitals(ignore), False, say, objective)
+    known = replace(reading, ignore=reading.ignore | {ORDER})
+    columns = understand(_part(items, slice(0)), ITEMS, known)
+    rooms = understand(bins, BINS, reading)
+    check_ignored(reading, columns, rooms)
+    factor = same_unit(columns, rooms, say)
+    kinds = bin_types(rooms, columns.dimension, factor, reading)
+    known = replace(known, say=silent)
+    try:
+        goods = understand(items, ITEMS, known)
+    except UserError:  # of one cell: the others are read without it
+        goods = None
+    jobs = list[Job | UserError]()
+    for name, lines in groups:
+        try:
+            if goods is None:
+                own = understand(_part(items, lines), ITEMS, known)
+            else:
+                own = replace(goods, table=_part(goods.table, lines))
+            types = item_types(own, known)
+            jobs.append(Job(types, kinds, columns.dimension, name, objective))
+        except UserError as error:
+            jobs.append(error)
+    return jobs
+
+
+def _part(table: Table, lines: slice) -> Table:
+    return replace(table, lines=table.lines[lines])
 
 
 def _capitals(names: str | Sequence[str]) -> frozenset[str]:

@@ -185,13 +185,14 @@ def _inert(cell: object) -> object:
     return f"'{text}" if run else text
 
 
-def table_from_columns(data: Any, source: str) -> Table:
+def table_from_columns(data: Any, source: str, first: int = 0) -> Table:
     """A table from a program.
 
     Args:
         data: a data frame (anything whose `to_dict("list")` gives columns), an Arrow table, a
             mapping of columns, a structured NumPy array or a list of mappings.
-        source: what to call it in messages; its rows count from 0.
+        source: what to call it in messages.
+        first: the number of its first row.
 
     Raises:
         UserError: where it is none of them, or its columns are not equally long.
@@ -210,7 +211,15 @@ def table_from_columns(data: Any, source: str) -> Table:
         found = ", ".join(f"{name} has {length}" for name, length in lengths.items())
         raise fault(source, f"columns of different lengths ({found[:60]})")
     columns = checked_columns(source, lists)
-    return Table(source, source, columns, tuple(enumerate(zip(*lists.values(), strict=True))))
+    return Table(
+        source, source, columns, tuple(enumerate(zip(*lists.values(), strict=True), first))
+    )
+
+
+def _cells(column: Any) -> Any:
+    """Of an Arrow column. Python's floats would show more digits than short ones have."""
+    short = str(column.type) in ("halffloat", "float")
+    return column.to_numpy(zero_copy_only=False) if short else column.to_pylist()
 
 
 def _named_columns(data: Any, source: str) -> Mapping[Any, Any]:
@@ -218,7 +227,7 @@ def _named_columns(data: Any, source: str) -> Mapping[Any, Any]:
         return data
     try:
         if hasattr(data, "to_pydict"):  # Arrow's
-            return data.to_pydict()
+            return {name: _cells(data[name]) for name in data.column_names}
         if hasattr(data, "to_dict"):
             columns = data.to_dict("list")
             if isinstance(columns, Mapping):
