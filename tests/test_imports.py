@@ -36,6 +36,7 @@ ALLOWED = {
     "io": BELOW,
     **dict.fromkeys(TOP, BELOW | TOP),
     **dict.fromkeys(DOORS, BELOW | TOP),
+    "stream": BELOW | TOP | {"__version__"},
     "__init__": BELOW | TOP,
     "__main__": {"__version__"} | TOP,
 }

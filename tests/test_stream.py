@@ -148,7 +148,7 @@ def test_numbers_of_all_kinds_are_read(folder):
     plain = jaxpack.solve_many(table, ROOM, packings=2, workers=1)
     order = table.column_names.index("ORDER")
     other = table.set_column(order, "order", table["ORDER"].dictionary_encode())
-    for name, kind in {"X": pa.float32(), "Y": pa.decimal128(6, 2), "Z": pa.float64()}.items():
+    for name, kind in {"X": pa.float32(), "Y": pa.decimal128(24, 2), "Z": pa.float64()}.items():
         other = other.set_column(other.column_names.index(name), name, other[name].cast(kind))
     copies = [None if one == 1 else one for one in other["COPIES"].to_pylist()]
     other = other.set_column(other.column_names.index("COPIES"), "COPIES", [copies])
