@@ -36,7 +36,7 @@ def test_a_worker_that_is_killed_in_a_batch_costs_nothing(tmp_path, monkeypatch)
     calls = tmp_path / "calls"
     calls.mkdir()
     rows = jaxpack.orders_as_rows(made_orders(240))
-    pq.write_table(rows, tmp_path / "rows.parquet", row_group_size=20)
+    pq.write_table(rows, tmp_path / "rows.parquet")
     kills = []
 
     def kill():
@@ -49,13 +49,12 @@ def test_a_worker_that_is_killed_in_a_batch_costs_nothing(tmp_path, monkeypatch)
     ray.init(num_cpus=3, include_dashboard=False, log_to_driver=False, runtime_env=here)
     try:
         threading.Thread(target=kill, daemon=True).start()
-        packed = ray.data.read_parquet(
-            str(tmp_path / "rows.parquet"), override_num_blocks=12
-        ).map_batches(
+        packed = ray.data.read_parquet(str(tmp_path / "rows.parquet"))
+        packed = packed.repartition(target_num_rows_per_block=20).map_batches(
             PackOrders,
             fn_constructor_kwargs={"bins": ROOM, "folder": calls},
             batch_format="pyarrow",
-            batch_size=10,
+            batch_size=20,
             concurrency=2,
         )
         found = pa.concat_tables(ray.get(packed.to_arrow_refs()))
