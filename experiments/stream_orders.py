@@ -37,10 +37,11 @@ def write_orders(path: Path, source: Path, count: int) -> None:
         for number, own in enumerate(islice(cycle(orders), count))
         for row in own
     )
-    with pq.ParquetWriter(path, pa.Table.from_pylist([next(lines)]).schema) as writer:
-        lines = (line for own in [lines] for line in own)
-        while some := list(islice(lines, ROWS)):
-            writer.write_table(pa.Table.from_pylist(some))
+    some = pa.Table.from_pylist(list(islice(lines, ROWS)))
+    with pq.ParquetWriter(path, some.schema) as writer:
+        while some.num_rows:
+            writer.write_table(some)
+            some = pa.Table.from_pylist(list(islice(lines, ROWS)), schema=some.schema)
 
 
 def family(number: int) -> list[int]:

@@ -181,6 +181,22 @@ class Run:
         return ", ".join(parts)
 
 
+def say_totals(folder: Path, parts: Parts, console: Screen, status: Screen) -> bool:
+    """Says what all parts amount to; whether every order is packed as a whole."""
+    totals = parts.totals
+    say(
+        console,
+        f"{folder}: {counted(totals['orders'], 'order')} in {counted(len(parts.done), 'part')}, "
+        f"{counted(totals['items'], 'item')} in {counted(totals['bins'], 'bin')}, at least "
+        f"{totals['bound']:,}",
+    )
+    for name, what in (("errors", "cannot be packed"), ("infeasible", "have too few bins")):
+        if totals[name]:
+            where = "see STATUS and MESSAGE in the figures"
+            say(status, f"error: {counted(totals[name], 'order')} {what}: {where}")
+    return not totals["errors"] + totals["infeasible"]
+
+
 def main(argv: Sequence[str]) -> None:
     """Parses, packs, writes, prints."""
     options = parse_options(CommandOptions, "stream", argv)
@@ -206,21 +222,11 @@ def main(argv: Sequence[str]) -> None:
         parts = Parts(folder, described(options, stream, how))
         if not parts.complete:
             Run(options, stream, bins, how, parts, status).go(interrupted)
-    totals = parts.totals
-    say(
-        console,
-        f"{folder}: {counted(totals['orders'], 'order')} in {counted(len(parts.done), 'part')}, "
-        f"{counted(totals['items'], 'item')} in {counted(totals['bins'], 'bin')}, at least "
-        f"{totals['bound']:,}",
-    )
-    for name, what in (("errors", "cannot be packed"), ("infeasible", "have too few bins")):
-        if totals[name]:
-            where = "see STATUS and MESSAGE in the figures"
-            say(status, f"error: {counted(totals[name], 'order')} {what}: {where}")
+    complete = say_totals(folder, parts, console, status)
     if interrupted:
         say(status, f"interrupted: {called('stream')} with the same options goes on from here")
         sys.exit(128 + interrupted[0])
-    sys.exit(2 if totals["errors"] + totals["infeasible"] else 0)
+    sys.exit(0 if complete else 2)
 
 
 if __name__ == "__main__":
