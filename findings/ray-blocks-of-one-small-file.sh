@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A Parquet file of twelve row groups, or twelve such files, read with `override_num_blocks=12` are one
+# A Parquet file of twelve row groups that is read with `override_num_blocks=12` is one
 # block: an actor pool of two behind it packs all of it with one actor.
 # ray 2.60.0. One would have guessed that the option, which a warning of Ray Data itself advises for
 # this, makes twelve blocks. `repartition(target_num_rows_per_block=...)` makes them.
