@@ -6,7 +6,7 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate", "solve", "check", "warm", "stream"}
+DOORS = {"train", "evaluate", "solve", "check", "warm", "serve", "stream"}
 TOP = {
     "methods",
     "comparison",
@@ -35,8 +35,10 @@ ALLOWED = {
     "search": BELOW - {"io"},
     "io": BELOW,
     **dict.fromkeys(TOP, BELOW | TOP),
+    "service": BELOW | TOP | {"service", "__version__"},
     **dict.fromkeys(DOORS, BELOW | TOP),
     "stream": BELOW | TOP | {"__version__"},
+    "serve": BELOW | TOP | {"service"},
     "__init__": BELOW | TOP,
     "__main__": {"__version__"} | TOP,
 }

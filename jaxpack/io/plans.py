@@ -5,7 +5,9 @@ through all bins. Lengths and weights are in the job's units.
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from jaxpack.errors import UserError
@@ -27,11 +29,21 @@ from jaxpack.model.objectives import named, objective_of
 
 
 def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
-    """Writes a plan with all that it says of the job: a line per bin and per item.
+    """Writes a plan with all that it says of the job, as `plan_json` has it."""
+    write_text(path, plan_json(job, plan))
+
+
+def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyType({})) -> str:
+    """A plan with all that it says of the job, as JSON: a line per bin and per item.
 
     Positions are front-bottom-left corners, sides and extents along x, y and z; a bin's fill is
     the share of its volume that is filled.
     For the objective height a bin is as high as the plan.
+
+    Args:
+        job: what was packed.
+        plan: of it.
+        about: what else to say of it, before everything else.
     """
     loads: list[list[Step]] = [[] for _ in plan.bins]
     for step in steps_of(job, plan):
@@ -40,7 +52,7 @@ def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
     for number, (packed, steps) in enumerate(zip(plan.bins, loads, strict=True)):
         kind = job.bins[packed.bin]
         filled = math.fsum(step.volume for step in steps)
-        about = {
+        summary = {
             "bin": number,
             "type": packed.bin,
             "name": kind.name,
@@ -63,16 +75,17 @@ def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
             for step in steps
         ]
         if profits:
-            about["profit"] = plain(float(sum(profit_of(step.item) for step in steps)))
+            summary["profit"] = plain(float(sum(profit_of(step.item) for step in steps)))
         bins.append(
-            f'{json_line(about)[:-1]}, "items": {json_lines(map(json_line, items), "    ")}}}'
+            f'{json_line(summary)[:-1]}, "items": {json_lines(map(json_line, items), "    ")}}}'
         )
     left_out = [json_line({"item": n, "name": job.items[n].name}) for n in plan.left_out]
-    head = f'"job": {json_line(job.name)},\n"dimension": {job.dimension}'
+    head = "".join(f"{json_line(key)}: {json_line(value)},\n" for key, value in about.items())
+    head += f'"job": {json_line(job.name)},\n"dimension": {job.dimension}'
     if job.objective:
         head += f',\n"objective": {json_line(job.objective)}'
     lists = f'"bins": {json_lines(bins, "  ")},\n"left_out": {json_lines(left_out, "  ")}'
-    write_text(path, f"{{\n{head},\n{lists}\n}}\n")
+    return f"{{\n{head},\n{lists}\n}}\n"
 
 
 def plan_objective(path: Path) -> str:

@@ -5,7 +5,7 @@ Whatever is wrong comes out as a `UserError` of one line: where, what, and what 
 
 import codecs
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -86,14 +86,28 @@ def read_json(path: Path) -> Any:
     Raises:
         UserError: where it cannot be read or is not JSON, a key that is there twice included.
     """
-    text = read_text(path)
+    return parse_json(read_text(path), path)
+
+
+def parse_json(text: str, source: object, constant: Callable[[str], object] | None = None) -> Any:
+    """What a text in JSON holds.
+
+    Args:
+        text: the text.
+        source: what messages call it.
+        constant: makes a value of NaN and Infinity, which JSON does not have, or raises a
+            ValueError; not given, they are floats.
+
+    Raises:
+        UserError: where it is not JSON, a key that is there twice included.
+    """
     try:
-        return json.loads(text, object_pairs_hook=_each_once)
+        return json.loads(text, object_pairs_hook=_each_once, parse_constant=constant)
     except json.JSONDecodeError as error:
         place = f"row {error.lineno}, column {error.colno}"
-        raise fault(path, place, f"not JSON ({error.msg}); correct it") from error
+        raise fault(source, place, f"not JSON ({error.msg}); correct it") from error
     except (ValueError, RecursionError) as error:  # too long a number, too deep a nesting
-        raise fault(path, f"cannot be read as JSON ({error}); correct it") from error
+        raise fault(source, f"cannot be read as JSON ({error}); correct it") from error
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

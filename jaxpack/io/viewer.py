@@ -9,8 +9,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from plotly.offline import get_plotlyjs
-
 from jaxpack.io.atomic import replace_file
 from jaxpack.io.colours import item_colours
 from jaxpack.model.figures import fill
@@ -28,17 +26,26 @@ def write_html(path: Path, job: Job, plan: Plan, title: str = "") -> None:
         plan: a packing of it.
         title: the page's heading; the job's name if not given.
     """
-    text = json.dumps(_shown(job, plan), allow_nan=False)
-    parts = {
-        "title": html.escape(title or job.name or "Loading plan"),
-        "plan": text.replace("<", "\\u003c"),  # no name in it can end the script or open another
-        "plotly": get_plotlyjs(),
-    }
+    page = html_page(title or job.name or "Loading plan", shown_plan(job, plan))
+    with replace_file(path, "wb") as file:
+        file.write(page)
+
+
+def html_page(title: str, shown: str) -> bytes:
+    """The page of a plan, from what `shown_plan` gave of it."""
+    from plotly.offline import get_plotlyjs  # half a second to import
+
+    parts = {"title": html.escape(title), "plan": shown, "plotly": get_plotlyjs()}
     template = resources.files("jaxpack.io").joinpath("viewer.html").read_text("utf-8")
     # One pass: a name that reads like a placeholder stays as it is.
     page = re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
-    with replace_file(path, "wb") as file:  # a title from a file's name may be no proper Unicode
-        file.write(page.encode("utf-8", "xmlcharrefreplace"))
+    # A title from a file's name may be no proper Unicode.
+    return page.encode("utf-8", "xmlcharrefreplace")
+
+
+def shown_plan(job: Job, plan: Plan) -> str:
+    """What the page of a plan shows, as JSON in which no name can end a script or open another."""
+    return json.dumps(_shown(job, plan), allow_nan=False).replace("<", "\\u003c")
 
 
 def _shown(job: Job, plan: Plan) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Orders over HTTP: an event loop that gathers them, and processes that pack them."""
