@@ -53,22 +53,29 @@ class Reply:
 
 
 def work(connection: Connection, limits: Limits) -> None:
-    """Answers waves, lists of `Request`, with (number in the wave, `Reply`) until nobody asks."""
+    """Answers waves, see `answers`, with (number in the wave, `Reply`) until nobody asks."""
     for number in (signal.SIGINT, signal.SIGTERM):  # the service ends when it is done
         signal.signal(number, signal.SIG_IGN)
     example = json.dumps({"items": ITEMS, "bins": BINS}).encode()
-    list(answers([Request(False, example)], limits))
+    list(answers([Request(False, example)], 1, limits))
     try:
         connection.send(READY)
         while True:
-            for answer in answers(connection.recv(), limits):
+            for answer in answers(*connection.recv(), limits):
                 connection.send(answer)
     except (EOFError, OSError):
         return
 
 
-def answers(wave: Sequence[Request], limits: Limits) -> Iterator[tuple[int, Reply]]:
-    """The number of each request and its reply; those of orders with equal options together."""
+def answers(wave: Sequence[Request], asking: int, limits: Limits) -> Iterator[tuple[int, Reply]]:
+    """The number of each request and its reply; those of orders with equal options together.
+
+    Args:
+        wave: the requests.
+        asking: requests that wait for a reply, these and others. The more, the fewer packings are
+            tried for an order that asks for nothing.
+        limits: of the requests.
+    """
     results: dict[int, list[Asked | Progress | Problem]] = {}
     groups = defaultdict[SolveOptions, list[tuple[int, int]]](list)
     asked: dict[tuple[int, int], Asked] = {}
@@ -80,7 +87,7 @@ def answers(wave: Sequence[Request], limits: Limits) -> Iterator[tuple[int, Repl
             continue
         results[number] = list(orders)
         asked |= {(number, n): one for n, one in enumerate(orders) if isinstance(one, Asked)}
-    free = sum(one.free for one in asked.values())
+    free = max(asking, sum(one.free for one in asked.values()))
     for place, one in asked.items():
         most = max(1, limits.packings // free) if one.free else one.how.packings
         groups[replace(one.how, packings=most)].append(place)

@@ -35,9 +35,11 @@ class Worker:
         self.process.start()
         theirs.close()
 
-    def run(self, wave: Sequence[Request], tell: Callable[[int, Reply], object]) -> None:
+    def run(
+        self, wave: Sequence[Request], asking: int, tell: Callable[[int, Reply], object]
+    ) -> None:
         """Tells the reply to each. Raises EOFError or OSError where the process has ended."""
-        self.connection.send(wave)
+        self.connection.send((wave, asking))
         for _ in wave:
             tell(*self.connection.recv())
 
@@ -56,6 +58,7 @@ class Workers:
         self.queue = asyncio.Queue[Waiting]()
         self.gathering = asyncio.Lock()
         self.threads = ThreadPoolExecutor(limits.workers)
+        self.asking = 0  # requests that wait for a reply
         self.alive: dict[int, int] = {}  # which worker is warm -> id of its process
         self.warmed = False  # whether all have been
         self.tasks: list[asyncio.Task[None]] = []
@@ -83,7 +86,11 @@ class Workers:
         """The reply of the next free worker. Raises Problem if it ends before."""
         waiting = Waiting(request, asyncio.get_running_loop().create_future())
         self.queue.put_nowait(waiting)
-        return await waiting.reply
+        self.asking += 1
+        try:
+            return await waiting.reply
+        finally:
+            self.asking -= 1
 
     async def _keep(self, number: int) -> None:
         """One worker after the other."""
@@ -129,7 +136,9 @@ class Workers:
         def tell(number: int, reply: Reply) -> None:
             loop.call_soon_threadsafe(_set, wave[number], reply)
 
-        running = asyncio.ensure_future(self._call(worker.run, [one.request for one in wave], tell))
+        running = asyncio.ensure_future(
+            self._call(worker.run, [one.request for one in wave], self.asking, tell)
+        )
         try:
             done, _ = await asyncio.wait([running], timeout=self.limits.deadline)
             if not done:  # all that wait have been told so
