@@ -32,7 +32,8 @@ class Service:
 
     def __init__(self, *options):
         command = [sys.executable, "-m", "jaxpack", "serve", "--port", "0", *options]
-        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        environment = os.environ | {"COLUMNS": "80"}
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
         self.line = self.process.stderr.readline()
         self.http = httpx.Client(base_url=self.line.split(",")[0], timeout=60)
 
@@ -56,7 +57,7 @@ class Service:
         return self.http.post(path, content=body, headers=headers)
 
     def workers(self):
-        command = ["ps", "-o", "pid=,args=", "--ppid", str(self.process.pid)]
+        command = ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(self.process.pid)]
         rows = subprocess.run(command, capture_output=True, text=True).stdout.splitlines()
         return [int(row.split()[0]) for row in rows if "spawn_main" in row]
 
@@ -81,14 +82,14 @@ def is_problem(answer, status):
 
 
 def test_an_order_comes_back_as_a_plan_that_is_valid_and_can_be_read(service, tmp_path):
-    columns = {"X": [5, 2], "Y": [5, 2], "Z": [5, 2], "COPIES": [7, 9]}
+    columns = {"X": [5, 2], "Y": [5, 2], "Z": [5, 2], "COPIES": [7, 8]}
     answer = service.post(
         {"items": columns, "bins": {"X": [10], "Y": [10], "Z": [10]}, "name": "a"}
     )
     assert answer.status_code == 200
     plan = answer.json()
     assert (plan["job"], plan["status"], len(plan["bins"])) == ("a", "optimal", 1)
-    assert len(plan["bins"][0]["items"]) == 16
+    assert len(plan["bins"][0]["items"]) == 15
     path = tmp_path / "plan.json"
     path.write_bytes(answer.content)
     job = job_from_columns(columns, BINS, "a")
@@ -193,11 +194,12 @@ def test_what_is_no_json_or_no_address_is_refused(service):
 
 
 def test_the_page_of_a_plan_can_do_nothing_and_names_in_it_are_text(service):
-    asked = order(name=NASTY)
+    asked = order(name=NASTY.replace("\ud800", ""))
     asked["items"][0]["NAME"] = NASTY
     answer = service.post(asked)
     plan = answer.json()
-    assert plan["job"] == NASTY
+    assert plan["job"] == asked["name"]
+    assert plan["bins"][0]["items"][0]["name"] == NASTY
     page = service.http.get(plan["page"])
     assert page.status_code == 200
     assert page.headers["content-security-policy"].startswith("sandbox ")
@@ -256,14 +258,18 @@ def test_a_full_queue_says_when_to_come_again(service):
 def test_a_worker_that_dies_is_replaced(service):
     (worker,) = service.workers()
     with ThreadPoolExecutor(1) as threads:
-        waiting = threads.submit(service.post, slow(4.0))
+        os.kill(worker, signal.SIGSTOP)
+        waiting = threads.submit(service.post, order())
         time.sleep(1)
         os.kill(worker, signal.SIGKILL)
         answer = waiting.result()
     is_problem(answer, 503)
     assert int(answer.headers["retry-after"]) >= 1
     assert service.post(order()).status_code == 200
-    assert service.workers() != [worker]
+    (other,) = service.workers()
+    assert other != worker
+    os.kill(other, signal.SIGKILL)  # while it has nothing to do: nobody notices
+    assert service.post(order()).status_code == 200
 
 
 def test_a_deadline_is_kept_while_a_worker_hangs_or_a_body_is_late(service):
@@ -335,15 +341,16 @@ def test_old_pages_make_room():
 
 def test_sigterm_finishes_what_runs_and_refuses_what_comes():
     with Service("--workers", "1") as service, ThreadPoolExecutor(1) as threads:
-        workers = service.workers()
-        waiting = threads.submit(service.post, slow(2.0))
+        (worker,) = service.workers()
+        os.kill(worker, signal.SIGSTOP)
+        waiting = threads.submit(service.post, order())
         time.sleep(0.7)
         service.process.send_signal(signal.SIGTERM)
-        for worker in workers:  # as a supervisor does that ends a group
-            os.kill(worker, signal.SIGTERM)
-        time.sleep(0.5)
+        os.kill(worker, signal.SIGTERM)  # as a supervisor does that ends a group
+        time.sleep(0.7)
         with pytest.raises(httpx.ConnectError), httpx.Client() as other:
             other.get(str(service.http.base_url))
+        os.kill(worker, signal.SIGCONT)
         assert waiting.result().status_code == 200
         assert service.process.wait(20) == 0
         assert service.process.stderr.read() == ""
@@ -417,7 +424,7 @@ def test_the_page_packs_files_and_shows_the_plan(service, tmp_path):
         assert len(json.loads(download.value.path().read_text())["bins"]) == 1
         page.set_input_files("#bins", tmp_path / "bins.csv")
         page.click("button")
-        page.wait_for_function("document.getElementById('said').textContent.startsWith('1 bins')")
+        page.locator("#said").filter(has_text="1 bins").wait_for()
         assert {url.split("/")[2] for url in asked if url.startswith("http")} == {
             base.split("/")[2]
         }

@@ -28,7 +28,10 @@ from jaxpack.service.problems import MEDIA, Problem, respond
 from jaxpack.service.workers import Workers
 
 OWN = "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-PAGE = f"{OWN}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'"
+PAGE = (
+    f"{OWN}; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'; "
+    "img-src data:"  # the icon, which is none
+)
 DOCS = (
     f"{OWN}; script-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "style-src 'self' 'unsafe-inline'"

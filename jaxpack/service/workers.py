@@ -131,6 +131,10 @@ class Workers:
 
     async def _run(self, worker: Worker, wave: Sequence[Waiting]) -> None:
         """Raises EOFError or OSError where the worker ends, or had to be ended."""
+        if not worker.process.is_alive():  # since it was last asked: another one has a turn
+            for one in wave:
+                self.queue.put_nowait(one)
+            raise EOFError
         loop = asyncio.get_running_loop()
 
         def tell(number: int, reply: Reply) -> None:
