@@ -298,7 +298,7 @@ def test_requests_that_come_together_share_a_run(monkeypatch):
 
     class Counting:
         def __init__(self, limits):
-            self.process = type("Process", (), {"pid": 1})()
+            self.process = type("Process", (), {"pid": 1, "is_alive": lambda self: True})()
             self.connection = type("Connection", (), {"recv": lambda self: "ready"})()
 
         def run(self, wave, asking, tell):

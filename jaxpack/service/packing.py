@@ -61,7 +61,8 @@ def work(connection: Connection, limits: Limits) -> None:
     try:
         connection.send(READY)
         while True:
-            for answer in answers(*connection.recv(), limits):
+            wave, asking = connection.recv()
+            for answer in answers(wave, asking, limits):
                 connection.send(answer)
     except (EOFError, OSError):
         return

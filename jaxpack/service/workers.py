@@ -15,6 +15,7 @@ from jaxpack.service.problems import Problem
 
 T = TypeVar("T")
 
+LEAST = 4  # requests that share a run, however many workers are free
 PAUSE = 1.0  # seconds before a worker is replaced that has ended before it was warm
 _SPAWN = multiprocessing.get_context("spawn")  # what is forked would have threads without threads
 
@@ -104,7 +105,7 @@ class Workers:
                 self.warmed = self.warmed or len(self.alive) == self.limits.workers
                 while True:
                     await self._run(worker, await self._gathered())
-            except (EOFError, OSError) as error:
+            except Exception as error:  # EOFError or OSError, but whatever it is: there is another
                 what = type(error).__name__
                 logging.getLogger("jaxpack").error("a worker has ended (%s): replaced", what)
             finally:
@@ -124,7 +125,9 @@ class Workers:
             while not wave:
                 some = [await self.queue.get()]
                 await asyncio.sleep(self.limits.gather)
-                while not self.queue.empty() and len(some) < self.limits.wave:
+                share = -(-self.asking // self.limits.workers)  # all workers are to have some
+                most = min(self.limits.wave, max(LEAST, share))
+                while not self.queue.empty() and len(some) < most:
                     some.append(self.queue.get_nowait())
                 wave = [one for one in some if not one.reply.done()]
         return wave
@@ -148,7 +151,7 @@ class Workers:
             if not done:  # all that wait have been told so
                 worker.process.kill()
             await running
-        except (EOFError, OSError):
+        except Exception:
             for one in wave:
                 if not one.reply.done():
                     what = "the process that packed it has ended: try again"
