@@ -15,7 +15,7 @@ COMMANDS = {
     "stream": "pack a Parquet file of any number of orders into part files; goes on after a kill",
     "check": "check a plan of anyone against its items and bins",
     "warm": "compile once, after an install, what solve would compile when it meets an order",
-    "serve": "answer orders with plans over HTTP",
+    "serve": "answer orders over HTTP with plans",
 }
 """Name, also of the module whose `main` it is -> what it does."""
 COMPUTE = ("train", "evaluate", "warm")  # with JAX, in this process
