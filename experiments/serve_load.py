@@ -184,6 +184,8 @@ def main() -> None:
     parser.add_argument("--soak", action="store_true")
     options = parser.parse_args()
     command = [sys.executable, "-m", "jaxpack", "serve", "--port", "0"]
+    if options.soak:
+        command += ["--kept", str(2**21)]  # full soon: from then on memory should not grow
     if options.workers:
         command += ["--workers", str(options.workers)]
     SERVICE = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
