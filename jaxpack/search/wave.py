@@ -155,7 +155,7 @@ class _Wave:
         self.ended: list[Progress | UserError | None] = [None] * len(jobs)
         self.rest = deque(enumerate(jobs))
         self.active, self.waiting = list[_Order](), list[_Order]()
-        self.end = perf_counter() + options.seconds
+        self.end, self.most = perf_counter() + options.seconds, options.packings or inf
 
     def late(self) -> bool:
         """Whether there is no time left."""
@@ -200,14 +200,14 @@ class _Wave:
                 continue
             if one.turns == 1:
                 self.tell(one.number, one.record.progress(None))
-            if one.turns in BOUNDED and one.above and not one.ended and not self.late():
+            going = one.above and not one.ended and one.record.packings < self.most
+            if going and one.turns in BOUNDED and not self.late():
                 one.bound(None if self.options.packings else BOUNDED[one.turns])
         self.keep(done)
 
     def keep(self, orders: Sequence[_Order]) -> None:
         """Those that are not done; the others end."""
-        most = self.options.packings or inf
-        done = [one for one in orders if one.ended or one.record.packings >= most]
+        done = [one for one in orders if one.ended or one.record.packings >= self.most]
         self.close(done)
         gone = {one.number for one in done}
         self.waiting += [one for one in orders if one.number not in gone]
