@@ -113,7 +113,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1.0)
     parser.add_argument("--only", default="", help="ideas with this in their names")
     options = parser.parse_args()
-    data: Path = options.data
+    columns = sets(options.data)
     path = RESULTS / "fill-ideas.csv"
     rows = read_rows(path)
     done = {(row["off"], float(row["seconds"])) for row in rows}
@@ -121,7 +121,7 @@ def main() -> None:
         if (idea, options.seconds) in done or options.only not in idea:
             continue
         row: dict[str, Any] = {"off": idea, "seconds": options.seconds}
-        for name, (jobs, support, times, measure) in sets(data).items():
+        for name, (jobs, support, times, measure) in columns.items():
             if "beam" in idea and measure is bins_of:  # there is none where bins are many
                 row[name] = ""
                 continue
