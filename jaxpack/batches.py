@@ -37,7 +37,8 @@ def solve_batch(
 ) -> Any:
     """Packs the orders of a batch in this process, one row each, for engines that map over batches.
 
-    With packings alone it is a pure function: an order's row depends on nothing beside it.
+    With packings alone it is a pure function: an order's row depends on nothing beside it. What is
+    not named here is as of `solve`.
 
     Args:
         table: an Arrow table, a data frame of pandas or a dict of NumPy arrays with the columns
@@ -46,7 +47,6 @@ def solve_batch(
         bins: a table of the bins, see `solve_many`.
         packings: that are tried at most for each order.
         time_limit: seconds for the batch, if they are to end it earlier.
-        seed, support, inclusive, resolution, skip_unfit, ignore, objective, rule: see `solve`.
 
     Returns:
         A table of the same kind, with a row for each of the batch, in its order: ORDER, STATUS,
