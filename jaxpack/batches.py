@@ -37,8 +37,7 @@ def solve_batch(
 ) -> Any:
     """Packs the orders of a batch in this process, one row each, for engines that map over batches.
 
-    With packings alone it is a pure function: an order's row depends on nothing beside it. What is
-    not named here is as of `solve`.
+    With packings alone it is a pure function: an order's row depends on nothing beside it.
 
     Args:
         table: an Arrow table, a data frame of pandas or a dict of NumPy arrays with the columns
@@ -47,6 +46,14 @@ def solve_batch(
         bins: a table of the bins, see `solve_many`.
         packings: that are tried at most for each order.
         time_limit: seconds for the batch, if they are to end it earlier.
+        seed: of the random choices.
+        support: see `solve`, as what follows.
+        inclusive: exactly that share is enough too.
+        resolution: corners stand on a grid of this length.
+        skip_unfit: leave out items that no bin can hold.
+        ignore: columns that need not be obeyed.
+        objective: a key of `OBJECTIVES`.
+        rule: of positions.
 
     Returns:
         A table of the same kind, with a row for each of the batch, in its order: ORDER, STATUS,

@@ -113,8 +113,6 @@ def solve_many(
 ) -> tuple[Any, Any]:
     """Packs the orders of a table, all into bins of the same types.
 
-    What is not named here is as of `solve`.
-
     Args:
         orders: a table of items with a column ORDER beside those of `solve`: a data frame, an
             Arrow table, a dict of columns, a structured NumPy array or a list of dicts.
@@ -123,6 +121,14 @@ def solve_many(
             500, or as many as the packings take.
         packings: that are tried at most for each order. With the same seed and number an order's
             plan is the same, whatever orders are beside it and however many workers there are.
+        seed: of the random choices.
+        support: see `solve`, as what follows.
+        inclusive: exactly that share is enough too.
+        resolution: corners stand on a grid of this length.
+        skip_unfit: leave out items that no bin can hold.
+        ignore: columns that need not be obeyed.
+        objective: a key of `OBJECTIVES`.
+        rule: of positions.
         workers: processes that pack; one for each core if not given.
         devices: JAX's, so many of which fill the bins in this process instead: for GPUs. The plans
             are the same. On a CPU the processes are much faster.
