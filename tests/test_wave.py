@@ -21,7 +21,7 @@ from jaxpack.model.plan_check import check_plan
 from jaxpack.search.beam import fill
 from jaxpack.search.bin_values import values_asked
 from jaxpack.search.portfolio import SolveOptions
-from jaxpack.search.record import Progress
+from jaxpack.search.record import End, Progress
 from jaxpack.search.together import fill_together
 from jaxpack.search.wave import pack_wave
 
@@ -138,6 +138,14 @@ def test_more_packings_are_never_worse():
     for one, other in zip(few, more, strict=True):
         assert (other.bins, other.cost) <= (one.bins, one.cost)
         assert other.packings <= 5 + 1
+
+
+def test_what_ended_an_order_is_said():
+    jobs = orders_of(12)
+    short = pack_wave(jobs, SolveOptions(time_limit=0.05, packings=10_000))
+    assert {one.end for one in short} <= {End.TIME, End.BOUND}
+    few = pack_wave(jobs, PACKINGS)
+    assert {one.end for one in few} <= {End.BUDGET, End.BOUND}
 
 
 def test_an_interrupt_keeps_what_there_is():

@@ -130,7 +130,7 @@ def pack_wave(
     """
     wave = _Wave(jobs, options, stop, tell, fill)
     while not wave.late() and (wave.rest or wave.waiting or wave.active):
-        if not wave.rest and wave.share():
+        if not wave.rest and wave.has_time():
             wave.search_alone()
             break
         wave.go_on()
@@ -214,25 +214,29 @@ class _Wave:
 
     def close(self, orders: Sequence[_Order]) -> None:
         """Ends some."""
-        why = End.INTERRUPT if self.stop() else End.BUDGET if self.options.packings else End.TIME
         for one in orders:
+            used_up = one.record.packings >= self.most
+            why = End.BUDGET if used_up else End.INTERRUPT if self.stop() else End.TIME
             if one.record.plan is None:
                 genes = lane_genes(one.loading, self.options.seed, 0)
                 one.take(quick_plan(one.loading, genes, self.late), 1)
             self.ended[one.number] = found = one.progress(why)
             self.tell(one.number, found)
 
-    def share(self) -> float:
-        """Seconds for each that could still win, where it is worth while to search it alone."""
-        above = [one for one in self.active + self.waiting if one.above]
-        if self.options.packings or any(one.turns < DEEP for one in above) or not above:
-            return 0
-        share = (self.end - perf_counter()) / len(above)
-        return share if share >= SHARE else 0
+    def above(self) -> list[_Order]:
+        """Those of which the measure may be better."""
+        return [one for one in self.active + self.waiting if one.above]
+
+    def has_time(self) -> bool:
+        """Whether it is worth while to search each that could still win alone."""
+        above = self.above()
+        if self.options.packings or not above or any(one.turns < DEEP for one in above):
+            return False
+        return self.end - perf_counter() >= SHARE * len(above)
 
     def search_alone(self) -> None:
         """Each that could still win, for its share of the time."""
-        above = [one for one in self.active + self.waiting if one.above]
+        above = self.above()
         for number, one in enumerate(above):
             share = (self.end - perf_counter()) / (len(above) - number)
             if share > 0 and not self.stop():
