@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +102,19 @@ def test_there_is_a_program_for_every_job(dimension, count, types, unit, weight)
     assert program in set(programs(dimension == 2, count))
     fewer = replace(job, items=job.items[:1])
     assert program_of(load_job(fewer)) in set(programs(dimension == 2, 1))
+
+
+def test_a_program_that_was_cut_short_is_made_again(tmp_path):
+    options = "--dimension", "2d", "--items", "4"
+    warmed(tmp_path, *options)
+    kept = {path: path.read_bytes() for path in tmp_path.glob("*-cache")}
+    cut = max(kept, key=lambda path: len(kept[path]))
+    cut.write_bytes(kept[cut][:-50])
+    code, output, errors = warmed(tmp_path, *options)
+    assert code == 0
+    assert ", 0 were there" in output
+    assert "Warning" not in errors
+    zlib.decompress(cut.read_bytes())
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
