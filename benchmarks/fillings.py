@@ -16,7 +16,8 @@ from unittest.mock import patch
 sys.path.insert(0, str(Path(__file__).parent.parent / "experiments"))
 from public_instances import IVANCIC, add_data_option, data_file, read_ivancic
 
-from jaxpack.model.encoding import Loading, Rules, lane_genes, load_job
+from jaxpack.model.encoding import Loading, lane_genes, load_job
+from jaxpack.model.rules import Rules
 from jaxpack.search import beam, bin_values
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.quick import quick_plan, search_quickly

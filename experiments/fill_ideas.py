@@ -30,8 +30,9 @@ from public_instances import (
 )
 from rows import RESULTS, read_rows, write_rows
 
-from jaxpack.model.encoding import Loading, Rules, load_job
+from jaxpack.model.encoding import Loading, load_job
 from jaxpack.model.job import Job
+from jaxpack.model.rules import Rules
 from jaxpack.search import bin_values, draws
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.local_search import Best

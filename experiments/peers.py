@@ -43,11 +43,12 @@ import jaxpack
 from jaxpack import Job, PackedBin, Placement, Plan, read_job
 from jaxpack.cli import prepare_jax
 from jaxpack.model.box_check import Rule
-from jaxpack.model.encoding import Rules, load_job
+from jaxpack.model.encoding import load_job
 from jaxpack.model.exact import common_scale, exact
 from jaxpack.model.job import ORIENTATIONS, ItemType, Sides
 from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import plan_violations
+from jaxpack.model.rules import Rules
 from jaxpack.search.packer import encode
 
 PATH = RESULTS / "peers.csv"
@@ -476,7 +477,7 @@ def carried(box: Box, boxes: list[Box]) -> int:
 
 def broken_rules(job: Job, plan: Plan) -> Counter[str]:
     """Rule -> how often it is broken, with no demand on support; "left out" for unpacked items."""
-    found = Counter[str](violation.rule for violation in plan_violations(job, plan, support=0.0))
+    found = Counter[str](violation.rule for violation in plan_violations(job, plan, Rules(0.0)))
     if plan.left_out:
         found["left out"] = len(plan.left_out)
     return found

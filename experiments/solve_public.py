@@ -30,6 +30,7 @@ from rows import RESULTS, read_rows, write_rows
 from jaxpack.io.jobs import read_job
 from jaxpack.model.classes import mpv
 from jaxpack.model.job import Job
+from jaxpack.model.rules import STABILITIES, Rules
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.record import End
 
@@ -70,6 +71,7 @@ def main() -> None:
     add_data_option(parser)
     parser.add_argument("--support", type=float, default=0.5)
     parser.add_argument("--inclusive", action="store_true", help="exactly that share is enough")
+    parser.add_argument("--stability", default=Rules.stability, choices=STABILITIES)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--no-policy", dest="policy", action="store_false")
@@ -77,6 +79,7 @@ def main() -> None:
     options = parser.parse_args()
     how = f"-{options.seconds:g}s" * (options.seconds != 10)
     how += "-inclusive" * options.inclusive + "-no-policy" * (not options.policy)
+    how += f"-{options.stability}" * (options.stability != "share")
     path = RESULTS / f"solve-{options.set}-support-{options.support:g}{how}.csv"
     # Where the time went into compiling, the instance is done again.
     rows: list[dict] = [row for row in read_rows(path) if not compiled(row)]
@@ -87,8 +90,7 @@ def main() -> None:
         settings = SolveOptions(
             options.seconds,
             options.seed,
-            options.support,
-            options.inclusive,
+            Rules(options.support, options.inclusive, stability=options.stability),
             policy=options.policy,
         )
         began = time.perf_counter()

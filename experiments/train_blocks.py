@@ -26,8 +26,9 @@ from jax import Array
 import jaxpack
 from jaxpack.cli import prepare_jax
 from jaxpack.io.atomic import replace_file
-from jaxpack.model.encoding import Rules, load_job
+from jaxpack.model.encoding import load_job
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.rules import Rules
 from jaxpack.search import filling
 from jaxpack.search.block_policy import FEATURES, HIDDEN, Weights
 from jaxpack.search.blocks import step

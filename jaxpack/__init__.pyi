@@ -31,6 +31,7 @@ from jaxpack.model.problem import Instance as Instance
 from jaxpack.model.problem import Packing as Packing
 from jaxpack.model.problem import Problem as Problem
 from jaxpack.model.problem import make_instance as make_instance
+from jaxpack.model.rules import Rules as Rules
 from jaxpack.packing.env import Choice as Choice
 from jaxpack.packing.env import observe as observe
 from jaxpack.packing.env import positions as positions

@@ -12,6 +12,7 @@ from jaxpack.io.tables import Row, Table, table_from_columns
 from jaxpack.many import PLACEMENTS, tables_of
 from jaxpack.model.job import Job
 from jaxpack.model.numbers import fault
+from jaxpack.model.rules import Rules
 from jaxpack.search.portfolio import SolveOptions
 from jaxpack.solution import Solution, checked_options
 from jaxpack.workers import packed
@@ -27,13 +28,11 @@ def solve_batch(
     packings: int = 8,
     time_limit: float | None = None,
     seed: int = 0,
-    support: float = 0.5,
-    inclusive: bool = False,
     resolution: float | None = None,
     skip_unfit: bool = False,
     ignore: str | Sequence[str] = (),
     objective: str = "",
-    rule: str = "lowest",
+    **rules: Any,
 ) -> Any:
     """Packs the orders of a batch in this process, one row each, for engines that map over batches.
 
@@ -47,13 +46,11 @@ def solve_batch(
         packings: that are tried at most for each order.
         time_limit: seconds for the batch, if they are to end it earlier.
         seed: of the random choices.
-        support: see `solve`, as what follows.
-        inclusive: exactly that share is enough too.
-        resolution: corners stand on a grid of this length.
+        resolution: see `solve`, as what follows: corners stand on a grid of this length.
         skip_unfit: leave out items that no bin can hold.
         ignore: columns that need not be obeyed.
         objective: a key of `OBJECTIVES`.
-        rule: of positions.
+        rules: fields of `Rules`, such as support=0.8: what carries an item, where it may stand.
 
     Returns:
         A table of the same kind, with a row for each of the batch, in its order: ORDER, STATUS,
@@ -77,7 +74,7 @@ def solve_batch(
     ]
     good = [job for job in jobs if isinstance(job, Job)]
     options = SolveOptions(
-        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings, rule=rule
+        time_limit, seed, Rules(**rules), resolution, skip_unfit, packings=packings
     )
     for job in good[:1]:
         options = checked_options(options, job)

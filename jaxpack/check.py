@@ -18,20 +18,20 @@ from jaxpack.io.packing_plans import is_packing_plans, read_packing_plans
 from jaxpack.io.plans import plan_objective, read_plan_json
 from jaxpack.io.tables import write_table
 from jaxpack.io.texts import json_line, json_lines, write_text
-from jaxpack.model.box_check import share_of
 from jaxpack.model.job import MOST_ITEMS, Job, Plan
 from jaxpack.model.objectives import objective_of
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.violations import Violation, sentence
 from jaxpack.orders import read_orders
 from jaxpack.plan_tables import Screen, counted, say
+from jaxpack.rule_flags import RuleFlags, flag
 
 SHOWN = 20  # violations on the terminal
 SUFFIXES = (".csv", ".json")
 
 
 @dataclass(frozen=True)
-class CommandOptions:
+class CommandOptions(RuleFlags):
     """Check a loading plan: exit code 0 if it is valid, 1 if it breaks a rule."""
 
     plan: Positional[Path]
@@ -41,10 +41,6 @@ class CommandOptions:
     """The items: .csv, .ins2D, or the orders of BED-BPP, .json."""
     bins: Positional[Path | None] = None
     """The bins, .csv. Files .ins2D and .json have bins of their own, which these replace."""
-    support: float = 0.5
-    """More than this share of an item's base has to lie on what is under it, 0 to 1."""
-    support_inclusive: FlagCreatePairsOff[bool] = False
-    """Exactly that share is enough."""
     objective: str = ""
     """What the plan is for: see `solve`. Not given, what the plan says, if it does."""
     order: str | None = None
@@ -163,17 +159,14 @@ def _lines(verdicts: Sequence[Verdict]) -> Iterator[str]:
 def main(argv: Sequence[str]) -> None:
     """Reads, checks, writes, prints; exits 1 if a rule is broken."""
     options = parse_options(CommandOptions, "check", argv)
-    try:
-        share_of(options.support)
-    except UserError as error:
-        raise UserError(f"--{error}") from None
+    rules = options.rules.checked(flag)
     check_output(options)
     tell = partial(say, Screen(stderr=True))
     verdicts = [
         Verdict(
             job,
             plan,
-            tuple(plan_violations(job, plan, options.support, options.support_inclusive)),
+            tuple(plan_violations(job, plan, rules)),
         )
         for job, plan in read_plans(options, tell)
     ]

@@ -3,16 +3,18 @@
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tyro.conf import FlagCreatePairsOff, UseAppendAction
 
 from jaxpack.model.numbers import as_whole
+from jaxpack.model.rules import Rules
+from jaxpack.rule_flags import RuleFlags
 from jaxpack.search.portfolio import SolveOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class HowToPack:
+class HowToPack(RuleFlags):
     """Options of commands."""
 
     time_limit: float | None = None
@@ -24,10 +26,6 @@ class HowToPack:
     """Processes that pack several orders; one for each core if not given."""
     seed: int = SolveOptions.seed
     """Gives the random choices."""
-    support: float = SolveOptions.support
-    """Share of an item's base, 0 to 1, of which MORE has to lie on what is under it; of 1 all."""
-    support_inclusive: FlagCreatePairsOff[bool] = SolveOptions.inclusive
-    """Exactly that share of the base is enough too: such an item may tip over."""
     resolution: float | None = None
     """Corners stand along x and y on a grid of this length; anywhere if not given."""
     skip_unfit: FlagCreatePairsOff[bool] = False
@@ -36,7 +34,7 @@ class HowToPack:
     """What is wanted: bins (few of them), price (theirs, low), value (of what is packed, high:
     column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
     a COST, otherwise bins."""
-    rule: str = SolveOptions.rule
+    rule: str = Rules.rule
     """Which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
     least-wasted."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
@@ -54,18 +52,11 @@ class HowToPack:
         return SolveOptions(
             self.time_limit,
             self.seed,
-            self.support,
-            self.support_inclusive,
+            replace(self.rules, rule=self.rule),
             self.resolution,
             self.skip_unfit,
             packings=self.packings,
-            rule=self.rule,
         )
-
-
-def flag(option: str) -> str:
-    """What an option is called on the command line."""
-    return f"--{option.replace('_', '-')}"
 
 
 @contextmanager

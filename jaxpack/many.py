@@ -11,6 +11,7 @@ from jaxpack.io.notes import silent
 from jaxpack.io.steps import sides_of, steps_of
 from jaxpack.model.job import Job
 from jaxpack.model.numbers import as_whole
+from jaxpack.model.rules import Rules
 from jaxpack.search.portfolio import SECONDS, SolveOptions
 from jaxpack.solution import Solution, checked_options
 from jaxpack.workers import Packed, State, Workers, packed
@@ -100,16 +101,14 @@ def solve_many(
     time_limit: float | None = None,
     packings: int | None = None,
     seed: int = 0,
-    support: float = 0.5,
-    inclusive: bool = False,
     resolution: float | None = None,
     skip_unfit: bool = False,
     ignore: str | Sequence[str] = (),
     objective: str = "",
-    rule: str = "lowest",
     workers: int | None = None,
     devices: int | None = None,
     progress: Callable[[Far], object] = lambda far: None,
+    **rules: Any,
 ) -> tuple[Any, Any]:
     """Packs the orders of a table, all into bins of the same types.
 
@@ -122,18 +121,16 @@ def solve_many(
         packings: that are tried at most for each order. With the same seed and number an order's
             plan is the same, whatever orders are beside it and however many workers there are.
         seed: of the random choices.
-        support: see `solve`, as what follows.
-        inclusive: exactly that share is enough too.
-        resolution: corners stand on a grid of this length.
+        resolution: see `solve`, as what follows: corners stand on a grid of this length.
         skip_unfit: leave out items that no bin can hold.
         ignore: columns that need not be obeyed.
         objective: a key of `OBJECTIVES`.
-        rule: of positions.
         workers: processes that pack; one for each core if not given.
         devices: JAX's, so many of which fill the bins in this process instead: for GPUs. The plans
             are the same. On a CPU the processes are much faster.
         progress: called a few times a second with how `Far` it is; if it returns something true,
             the searches end with what there is.
+        rules: fields of `Rules`, such as support=0.8: what carries an item, where it may stand.
 
     Returns:
         (placements, figures), of the kind that the orders are: a data frame, an Arrow table, else a
@@ -150,7 +147,7 @@ def solve_many(
         orders, bins, wrong.__setitem__, ignore=ignore, objective=objective, say=silent
     )
     options = SolveOptions(
-        time_limit, seed, support, inclusive, resolution, skip_unfit, packings=packings, rule=rule
+        time_limit, seed, Rules(**rules), resolution, skip_unfit, packings=packings
     )
     workers = None if workers is None else as_whole(workers, "workers", 1)
     devices = None if devices is None else as_whole(devices, "devices", 1)

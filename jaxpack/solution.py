@@ -21,6 +21,7 @@ from jaxpack.model.figures import PlanFigures, levelled, plan_figures, plan_prof
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
 from jaxpack.model.objectives import gap, objective_of
+from jaxpack.model.rules import Rules
 from jaxpack.model.units import fine_enough
 from jaxpack.packing.rules import rule_named
 from jaxpack.search.portfolio import SolveOptions, solve_job
@@ -145,16 +146,14 @@ def solve(
     *,
     time_limit: float | None = None,
     seed: int = 0,
-    support: float = 0.5,
-    inclusive: bool = False,
     resolution: float | None = None,
     skip_unfit: bool = False,
     dimension: int | None = None,
     ignore: str | Sequence[str] = (),
     objective: str = "",
     packings: int | None = None,
-    rule: str = "lowest",
     progress: Callable[[Progress], object] = lambda better: None,
+    **rules: Any,
 ) -> Solution:
     """Packs items as well as it can find in the time: into the fewest bins, or the cheapest.
 
@@ -168,8 +167,6 @@ def solve(
         time_limit: seconds for the search, compilation included. Not given, they are 10, or as
             many as the packings take.
         seed: of the random choices.
-        support: share of an item's base, 0 to 1, of which more has to lie on what is under it.
-        inclusive: exactly that share is enough too. The whole base is always enough.
         resolution: corners stand along x and y on a grid of this length; anywhere if not given.
         skip_unfit: leave out items that no bin can hold; otherwise they are an error.
         dimension: 2 or 3, where the tables must be of that; their columns say it.
@@ -180,10 +177,9 @@ def solve(
             the least of all in one bin, whose height may be open (Z, in 2D HEIGHT: empty or -1).
         packings: that the search tries at most. With the same seed and number the plan is the
             same on one machine, however busy that is.
-        rule: which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
-            least-wasted, a key of `jaxpack.packing.rules.RULES`.
         progress: called with every better `Progress`: its plan, measure, bound and gap, seconds and
             packings so far. If it returns something true, the search ends as by an interrupt.
+        rules: fields of `Rules`, such as support=0.8: what carries an item, where it may stand.
 
     Returns:
         The best plan found, checked, in the units of the tables.
@@ -193,8 +189,8 @@ def solve(
     """
     notes: list[str] = []
     job = _job(items, bins, ignore, objective, notes.append)
-    how = time_limit, seed, support, inclusive, resolution, skip_unfit
-    options = checked_options(SolveOptions(*how, packings=packings, rule=rule), job)
+    how = time_limit, seed, Rules(**rules), resolution, skip_unfit
+    options = checked_options(SolveOptions(*how, packings=packings), job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
     return replace(solution(job, solve_job(job, options, progress=progress)), notes=tuple(notes))
@@ -214,20 +210,17 @@ def checked_options(
         UserError: naming the option.
     """
     job = objective_of(job).prepared(job)
-    rule_named(options.rule, called("rule"))
-    for name in ("inclusive", "skip_unfit"):
-        if not isinstance(value := getattr(options, name), bool | np.bool_):
-            raise UserError(f"{called(name)} {value!r}: give True or False")
+    rule_named(options.rules.rule, called("rule"))
+    if not isinstance(options.skip_unfit, bool | np.bool_):
+        raise UserError(f"{called('skip_unfit')} {options.skip_unfit!r}: give True or False")
     limit, most = options.time_limit, options.packings
     limit = None if limit is None else as_number(limit, called("time_limit"))
     most = None if most is None else as_whole(most, called("packings"), 1)
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
-    support = as_number(options.support, called("support"))
+    rules = options.rules.checked(called)
     unit = options.resolution
     if limit is not None and limit <= 0:
         raise UserError(f"{called('time_limit')} {limit:g}: give seconds, more than 0")
-    if not 0 <= support <= 1:
-        raise UserError(f"{called('support')} {support:g}: give a share of the base, 0 to 1")
     if unit is not None:
         unit = as_number(unit, called("resolution"))
         shortest = min(kind.size[axis] for kind in job.bins for axis in job.axes)
@@ -238,7 +231,7 @@ def checked_options(
             what = "too many digits beside those of the sizes: give a rounder length"
             raise UserError(f"{called('resolution')} {unit:g}: {what}")
     return replace(
-        options, time_limit=limit, seed=seed, support=support, resolution=unit, packings=most
+        options, time_limit=limit, seed=seed, rules=rules, resolution=unit, packings=most
     )
 
 

@@ -17,7 +17,7 @@ from tyro.conf import FlagCreatePairsOff, Positional
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
-from jaxpack.flags import HowToPack, flag, interrupts
+from jaxpack.flags import HowToPack, interrupts
 from jaxpack.io.arrow import arrow, write_columns
 from jaxpack.io.atomic import check_writable
 from jaxpack.io.bed_bpp import write_bed_bpp
@@ -36,6 +36,7 @@ from jaxpack.plan_tables import (
     print_solutions,
     say,
 )
+from jaxpack.rule_flags import flag
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.record import Progress
 from jaxpack.solution import Solution, Status, checked_options, solution, solve

@@ -15,7 +15,7 @@ from tyro.conf import Positional
 from jaxpack import __version__
 from jaxpack.cli import called, parse_options, run_door
 from jaxpack.errors import UserError
-from jaxpack.flags import HowToPack, flag, interrupts
+from jaxpack.flags import HowToPack, interrupts
 from jaxpack.io.arrow import arrow
 from jaxpack.io.locks import held
 from jaxpack.io.spreadsheets import read_table
@@ -26,6 +26,7 @@ from jaxpack.model.job import Job
 from jaxpack.model.numbers import as_whole, fault
 from jaxpack.parts import Parts
 from jaxpack.plan_tables import Screen, counted, say
+from jaxpack.rule_flags import flag
 from jaxpack.search.portfolio import SolveOptions
 from jaxpack.solution import checked_options
 from jaxpack.waves import ERRORS, live_line

@@ -7,9 +7,10 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from jaxpack.model.encoding import Rules, load_job, plan_of
+from jaxpack.model.encoding import load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.search import filling
 from jaxpack.search.beam import _twins, fill, fill_by_beam
 from jaxpack.search.bin_types import cheapest_types
@@ -108,7 +109,7 @@ def test_a_best_subset_is_a_plan_and_the_same_again(support):
             types = cheapest_types(loading, best.genes.turn, best.bin, best.corner)
             genes = best.genes
             plan = plan_of(loading, genes.order, genes.turn, best.bin, best.corner, types)
-            check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
+            check_plan(loading.job, plan, loading.rules)
     assert costs[0] == costs[1]
     assert costs[0] == sorted(costs[0], reverse=True)
 

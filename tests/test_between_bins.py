@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from test_bin_values import UPRIGHT, job_of, plan
 
-from jaxpack.model.encoding import Rules, lane_genes, load_job
+from jaxpack.model.encoding import lane_genes, load_job
 from jaxpack.model.job import BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.search.beam import alone
 from jaxpack.search.between_bins import Between, filled_bins
 from jaxpack.search.bin_values import search_values
@@ -51,7 +52,7 @@ def test_everything_stays_packed_and_no_round_is_for_the_worse(rules, how):
         assert prices == sorted(prices, reverse=True)
         assert best is not None
         found = plan(loading, best)
-        check_plan(loading.job, found, rules.support, rules.inclusive)
+        check_plan(loading.job, found, rules)
         assert not found.left_out
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import jaxpack
-from jaxpack.model.encoding import Rules, load_job, plan_of
+from jaxpack.model.encoding import load_job, plan_of
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.plan_check import check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.search import bin_values, filling
 from jaxpack.search.beam import alone, fill
 from jaxpack.search.bin_types import cheapest_types
@@ -72,7 +73,7 @@ def test_every_packing_is_a_plan_of_everything(rules, how):
         packings = found(loading, 9)
         for best in packings:
             one = plan(loading, best)
-            check_plan(loading.job, one, rules.support, rules.inclusive)
+            check_plan(loading.job, one, rules)
             assert not one.left_out
         costs = [best.cost for best in packings]
         assert costs == sorted(costs, reverse=True)
@@ -101,7 +102,7 @@ def test_nothing_floats_though_nothing_has_to_be_carried():
         room = tuple(rng.integers(10, 30, 3).astype(float))
         loading = load_job(Job(items, (BinType(room),)), Rules(0.0, True))
         for best in found(loading, 4, seed):
-            check_plan(loading.job, plan(loading, best), 0.0, True)
+            check_plan(loading.job, plan(loading, best), Rules(0.0, True))
 
 
 @pytest.mark.parametrize(("long", "short", "room"), [(6, 4, 10), (7, 5, 12), (9, 4, 13)])

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpack.model.encoding import Rules, load_job
+from jaxpack.model.encoding import load_job
+from jaxpack.model.rules import Rules
 from jaxpack.search import filling
 from jaxpack.search.beam import fill
 from jaxpack.search.bin_values import search_values

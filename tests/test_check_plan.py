@@ -27,6 +27,7 @@ from jaxpack.model.job import (
 )
 from jaxpack.model.pairs import best, pairs, tree_of
 from jaxpack.model.plan_check import InvalidPlanError, check_plan, plan_violations
+from jaxpack.model.rules import Rules
 from jaxpack.model.violations import sentence
 
 # A plan by hand in steps of 0.1, a side view along x with z upwards:
@@ -57,7 +58,7 @@ PLAN = Plan((PackedBin(0, FIRST), PackedBin(1, SECOND)))
 
 def found(plan=PLAN, job=JOB, **rules):
     """What is found, in words."""
-    return [sentence(violation) for violation in plan_violations(job, plan, **rules)]
+    return [sentence(violation) for violation in plan_violations(job, plan, Rules(**rules))]
 
 
 def moved(turn, *corner, orientation="XYZ"):
@@ -77,7 +78,7 @@ def test_the_plan_by_hand_is_valid():
     check_plan(JOB, PLAN)
     check_plan(JOB, moved(3, 0.3, 0.0, 0.3))
     turned = moved(2, 0, 0, 0.1, orientation="YXZ").bins[0].placements[:3]
-    check_plan(JOB, replace(with_first(*turned), left_out=(0,)), inclusive=True)
+    check_plan(JOB, replace(with_first(*turned), left_out=(0,)), Rules(inclusive=True))
 
 
 def named(plan, turn, rule):
@@ -248,8 +249,8 @@ def test_the_whole_base_is_enough_where_all_of_it_is_asked_for():
 
 @pytest.mark.parametrize("support", [-0.1, 1.1, math.nan, math.inf])
 def test_a_support_that_is_no_share(support):
-    with pytest.raises(UserError, match="give a share of the base, 0 to 1"):
-        check_plan(JOB, PLAN, support)
+    with pytest.raises(UserError, match="^support.*: (give a share of the base|nan|inf)"):
+        check_plan(JOB, PLAN, Rules(support))
 
 
 @pytest.mark.parametrize(
@@ -435,7 +436,7 @@ def test_it_finds_what_a_plain_check_finds(flat, step, faults):
     for _ in range(40):
         job, plan = random_plan(random, flat, step, faults)
         share, inclusive = random.choice([0, 1 / 3, 0.5, 0.75, 1]), bool(random.integers(2))
-        records = list(plan_violations(job, plan, share, inclusive))
+        records = list(plan_violations(job, plan, Rules(share, inclusive)))
         wanted = plain_check(job, plan, exact(share), inclusive)
         assert sorted(map(as_plain, records), key=repr) == wanted, (job, plan, share, inclusive)
         rules.update(record.rule for record in records)

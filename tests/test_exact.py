@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxpack.model.encoding import Genes, Rules, load_job
+from jaxpack.model.encoding import Genes, load_job
 from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.model.rules import Rules
 from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.rules import RULES
 from jaxpack.packing.top_faces import TopFaces

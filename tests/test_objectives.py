@@ -23,6 +23,7 @@ from jaxpack.model.encoding import Genes, fitting_ways, lane_genes, load_job, pa
 from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job
 from jaxpack.model.objectives import OBJECTIVES, Objective, Placed, bounds, objective_of
 from jaxpack.model.plan_check import InvalidPlanError, check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.plan_tables import figures_of_one
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.quick import cost_of, pack_quickly, quick_plan
@@ -323,7 +324,7 @@ def test_an_open_bin_holds_all_however_little_time_there_is(dimension):
     loading = load_job(job)
     best = quick_plan(loading, lane_genes(loading, 0, 0), stop=lambda: True)
     plan = plan_of(loading, best.genes.order, best.genes.turn, best.bin, best.corner, {0: 0})
-    check_plan(job, plan, support=1.0)
+    check_plan(job, plan, Rules(1.0))
     assert plan.left_out == ()
     assert plan.bins[0].height < 3 * bounds(job).best
 

@@ -12,7 +12,6 @@ from jaxpack.errors import UserError
 from jaxpack.io.weights import load_policy
 from jaxpack.model.encoding import (
     Genes,
-    Rules,
     compiles,
     lane_genes,
     load_job,
@@ -24,6 +23,7 @@ from jaxpack.model.figures import plan_figures
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
 from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.model.units import units_of
 from jaxpack.search import portfolio
 from jaxpack.search.bin_types import cheapest_types
@@ -147,8 +147,8 @@ def test_half_a_base_does_not_carry_unless_that_is_asked_for(uncompiled):
     items = (ItemType((2, 4, 3)), ItemType((4, 4, 3)))
     job = Job(items, (BinType((4, 4, 6)),))
     for inclusive in (False, True):
-        found = searched(job, inclusive=inclusive)
-        check_plan(job, found.plan, 0.5, inclusive)
+        found = searched(job, rules=Rules(inclusive=inclusive))
+        check_plan(job, found.plan, Rules(0.5, inclusive))
     upside = Job(items, (BinType((4, 4, 6), copies=1),))
     loading = load_job(upside, Rules(0.5, True))
     tower = Genes(np.arange(2), np.zeros(2, np.int32), np.arange(1))
@@ -183,7 +183,7 @@ def test_plans_made_without_compiling_are_those_of_the_kernel(
         orders.add((tuple(own.order.tolist()), tuple(own.turn.tolist())))
         # Many at once are as valid.
         best = quick_plan(loading, own)
-        check_plan(job, plan_from(loading, best), support)
+        check_plan(job, plan_from(loading, best), Rules(support))
     assert len(orders) == 11
 
 
@@ -202,7 +202,7 @@ def test_what_is_left_when_the_time_is_up_stands_in_columns(share):
 
         best = quick_plan(loading, lane_genes(loading, 0, 0), stop)
         assert (best.bin >= 0).all()
-        check_plan(job, plan_from(loading, best), 1.0)
+        check_plan(job, plan_from(loading, best), Rules(1.0))
     few = Job(job.items, (replace(PALLET, copies=1),))
     loading = load_job(few)
     best = quick_plan(loading, lane_genes(loading, 0, 0), lambda: True)
@@ -490,8 +490,8 @@ def test_corners_stand_on_the_grid_of_a_resolution(uncompiled):
     whole = searched(job_of([room], ("XYZ",), room), resolution=10.0)
     assert whole.bins == 1, "what fits is not refused"
     job = Job(cartons(9, kinds=9), (PALLET,))
-    plan = searched(job, resolution=70.0, support=0.8).plan
-    check_plan(job, plan, 0.8)
+    plan = searched(job, resolution=70.0, rules=Rules(0.8)).plan
+    check_plan(job, plan, Rules(0.8))
     corners = [put.corner for packed in plan.bins for put in packed.placements]
     assert not any(x % 70 or y % 70 for x, y, _ in corners)
     assert units_of(job, 70.0).step * units_of(job, 70.0).length == 70

@@ -16,8 +16,9 @@ from test_bin_values import job_of
 import jaxpack
 from jaxpack.errors import UserError
 from jaxpack.many import pack_orders
-from jaxpack.model.encoding import Rules, load_job
+from jaxpack.model.encoding import load_job
 from jaxpack.model.plan_check import check_plan
+from jaxpack.model.rules import Rules
 from jaxpack.search.beam import fill
 from jaxpack.search.bin_values import values_asked
 from jaxpack.search.portfolio import SolveOptions
@@ -275,5 +276,6 @@ def test_bed_bpp_orders_are_packed_together(tmp_path):
 def test_rules_hold_in_a_wave():
     jobs = orders_of(8)
     for support in (0.0, 1.0):
-        for one, job in zip(pack_wave(jobs, replace(PACKINGS, support=support)), jobs, strict=True):
-            check_plan(job, one.plan, Rules(support).support)
+        how = replace(PACKINGS, rules=Rules(support))
+        for one, job in zip(pack_wave(jobs, how), jobs, strict=True):
+            check_plan(job, one.plan, Rules(support))

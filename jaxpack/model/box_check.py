@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxpack.errors import UserError
-from jaxpack.model.exact import exact
 from jaxpack.model.pairs import best, pairs, tree_of
 
 
@@ -54,17 +52,6 @@ class Finding(NamedTuple):
     other: int = -1  # the row that it meets; of FLOATING the highest below it, -1 is the floor
     axis: int = 2  # of OUTSIDE; the others are about z
     share: Fraction = Fraction(0)  # of its base that is supported
-
-
-def share_of(support: float) -> Fraction:
-    """The share of a base that is asked for: the decimal of 13 digits that it shows.
-
-    Raises:
-        UserError: it is not from 0 to 1.
-    """
-    if not 0 <= support <= 1:
-        raise UserError(f"support {support}: give a share of the base, 0 to 1")
-    return exact(support)
 
 
 def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Finding]:

@@ -9,11 +9,11 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import most_profit
-from jaxpack.model.exact import exact
 from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.objectives import Objective, objective_of
+from jaxpack.model.rules import Rules
 from jaxpack.model.sorts import SORTS
 from jaxpack.model.units import Units, in_units, units_of
 
@@ -44,24 +44,6 @@ class Genes(NamedTuple):
     order: Any  # int32 [P, N]
     turn: Any  # int32 [P, N], orientation of every item
     pool: Any  # int32 [P, S], sequence of the bins
-
-
-@dataclass(frozen=True)
-class Rules:
-    """What holds for every item of a job."""
-
-    support: float = 0.5  # least share of a footprint that must be carried, 0 to 1
-    inclusive: bool = False  # whether exactly that share is enough; the whole base always is
-    rule: str = "lowest"  # which of its allowed positions an item takes
-
-    @cached_property
-    def _share(self) -> tuple[int, int]:
-        return exact(self.support).as_integer_ratio()
-
-    def area_needed(self, area: int) -> int:
-        """The least whole number that is enough of an area."""
-        part, whole = self._share
-        return -(-area * part // whole) if self.inclusive else min(area * part // whole + 1, area)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
+from jaxpack.model.limits import BinLimits, ItemLimits
 from jaxpack.model.numbers import as_cost, as_profit, as_size, as_weight, as_whole, fault, show
 
 FINEST = 2**30
@@ -57,6 +58,7 @@ class ItemType:
     tags: tuple[Any, ...] = field(default=(), compare=False)
     """What a file says of each copy beside all this, for files that are written."""
     profit: float | None = None  # what one is worth; its volume (2D: area) if not given
+    limits: ItemLimits = ItemLimits()  # what else is asked of it
 
     def turned(self, orientation: str) -> Sides:
         """Its extent along x, y and z in that orientation."""
@@ -74,6 +76,7 @@ class BinType:
     max_weight: float = math.inf  # of all that is in one of them
     name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
+    limits: BinLimits = BinLimits()  # what else is asked of it
 
     @property
     def open(self) -> bool:
@@ -202,6 +205,12 @@ class Job:
     def count(self) -> int:
         """All copies of all items."""
         return sum(item.copies for item in self.items)
+
+    @cached_property
+    def limited(self) -> bool:
+        """Whether more is asked of an item or a bin than sizes, weights and counts."""
+        items = any(item.limits != ItemLimits() for item in self.items)
+        return items or any(kind.limits != BinLimits() for kind in self.bins)
 
     @property
     def priced(self) -> bool:

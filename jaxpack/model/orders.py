@@ -12,9 +12,10 @@ import numpy as np
 from jax import Array
 
 from jaxpack.errors import UserError
-from jaxpack.model.encoding import Loading, Rules, fitting_ways, load_job, most_together
+from jaxpack.model.encoding import Loading, fitting_ways, load_job, most_together
 from jaxpack.model.job import BinType, Job
 from jaxpack.model.problem import Instance, Problem, check_bin
+from jaxpack.model.rules import Rules
 from jaxpack.model.units import common
 
 

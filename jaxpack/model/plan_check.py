@@ -13,10 +13,11 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from jaxpack.model.box_check import RANK, Boxes, Rule, misplaced, share_of
+from jaxpack.model.box_check import RANK, Boxes, Rule, misplaced
 from jaxpack.model.exact import DIGITS, exact
 from jaxpack.model.job import ORIENTATIONS, WEIGHT_DECIMALS, Job, Placement, Plan
 from jaxpack.model.numbers import show
+from jaxpack.model.rules import Rules
 from jaxpack.model.violations import Violation, sentence
 
 NOISE = 1e-12  # of the longest side of a bin: a position that misses a unit by less is on it
@@ -27,7 +28,7 @@ class InvalidPlanError(Exception):
     """A plan breaks a rule. One line: which bin, which item, which rule."""
 
 
-def check_plan(job: Job, plan: Plan, support: float = 0.5, inclusive: bool = False) -> None:
+def check_plan(job: Job, plan: Plan, rules: Rules = Rules()) -> None:
     """Raises InvalidPlanError naming the first violations, if there are any.
 
     Args:
@@ -35,22 +36,18 @@ def check_plan(job: Job, plan: Plan, support: float = 0.5, inclusive: bool = Fal
         plan: bins, each with its items in loading order. Positions count to the 13th digit of the
             bin's longest side; one that misses a whole number of the job's units by less than
             1e-12 of that side is on it.
-        support: share of an item's base that has to lie on what is directly under it. With 0
-            any touch is enough.
-        inclusive: exactly that share is enough; otherwise it has to be more, or all of it.
+        rules: which of them hold; where the share of support is 0 any touch is enough.
 
     Raises:
         InvalidPlanError: the plan breaks a rule.
-        UserError: the support is not from 0 to 1.
+        UserError: a rule is none, such as a support that is not from 0 to 1.
     """
-    found = list(islice(plan_violations(job, plan, support, inclusive), SHOWN))
+    found = list(islice(plan_violations(job, plan, rules), SHOWN))
     if found:
         raise InvalidPlanError("; ".join(sentence(violation) for violation in found))
 
 
-def plan_violations(
-    job: Job, plan: Plan, support: float = 0.5, inclusive: bool = False
-) -> Iterator[Violation]:
+def plan_violations(job: Job, plan: Plan, rules: Rules = Rules()) -> Iterator[Violation]:
     """Every broken rule, first those of the whole plan, then bin by bin; see `check_plan`.
 
     An item is named once for each rule that it breaks (once for each axis if it is outside), with
@@ -58,15 +55,15 @@ def plan_violations(
     are reported: the other rules read what they name.
 
     Raises:
-        UserError: the support is not from 0 to 1.
+        UserError: a rule is none, such as a support that is not from 0 to 1.
     """
-    share = share_of(support)
+    rules = rules.checked()
     found = list(_unknown(job, plan))
     if not found:
         found += _miscounted(job, plan)
         found += _too_heavy(job, plan)
         found += _misturned(job, plan)
-        found += _misplaced(job, plan, share, inclusive)
+        found += _misplaced(job, plan, rules)
     yield from sorted(found, key=lambda one: (-1 if one.bin is None else one.bin, RANK[one.rule]))
 
 
@@ -168,7 +165,7 @@ def _misturned(job: Job, plan: Plan) -> Iterator[Violation]:
                 yield Violation(Rule.ORIENTATION, number, put.item, turn, what=what)
 
 
-def _misplaced(job: Job, plan: Plan, share: Fraction, inclusive: bool) -> Iterator[Violation]:
+def _misplaced(job: Job, plan: Plan, rules: Rules) -> Iterator[Violation]:
     """What the boxes tell."""
     puts = [put for packed in plan.bins for put in packed.placements]
     if not puts:
@@ -177,6 +174,7 @@ def _misplaced(job: Job, plan: Plan, share: Fraction, inclusive: bool) -> Iterat
     number = np.repeat(np.arange(len(loads)), loads)
     turn = np.arange(len(puts)) - np.repeat(np.cumsum(loads) - loads, loads)
     boxes, units = _boxes(job, plan, puts, number)
+    share, inclusive = exact(rules.support), rules.inclusive
 
     def length(leaf: np.ndarray, row: int, axis: int) -> Fraction:
         return int(leaf[row, axis]) * units[axis]

@@ -17,8 +17,9 @@ from jax import Array
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy
 from jaxpack.learning.rollout import LANES, decide
-from jaxpack.model.encoding import Genes, Loading, Rules, Stock
+from jaxpack.model.encoding import Genes, Loading, Stock
 from jaxpack.model.problem import Instance, Problem
+from jaxpack.model.rules import Rules
 from jaxpack.packing.env import Decisions
 from jaxpack.packing.table import Table
 from jaxpack.search.packer import QUICKLY

@@ -8,9 +8,10 @@ from time import perf_counter
 
 import numpy as np
 
-from jaxpack.model.encoding import Genes, Loading, Rules, compiles, lane_genes, load_job
+from jaxpack.model.encoding import Genes, Loading, compiles, lane_genes, load_job
 from jaxpack.model.job import Job
 from jaxpack.model.objectives import bounds
+from jaxpack.model.rules import Rules
 from jaxpack.search.background import UNSENDABLE, SearchProcess, borrow, give_back
 from jaxpack.search.beam import alone
 from jaxpack.search.bin_values import has_values
@@ -37,13 +38,11 @@ class SolveOptions:
 
     time_limit: float | None = None  # seconds, compilation included; see `seconds`
     seed: int = 0
-    support: float = Rules.support
-    inclusive: bool = Rules.inclusive
+    rules: Rules = Rules()
     resolution: float | None = None  # corners stand on a grid of this length; anywhere if not given
     skip_unfit: bool = False
     policy: bool = True  # whether the shipped ones choose blocks, and draw orders to go on from
     packings: int | None = None  # that are tried at most: with one seed the plan is the same then
-    rule: str = Rules.rule  # of positions, a name in `jaxpack.packing.rules`
 
     @property
     def seconds(self) -> float:
@@ -51,11 +50,6 @@ class SolveOptions:
         if self.time_limit is not None:
             return self.time_limit
         return SECONDS if self.packings is None else inf
-
-    @property
-    def rules(self) -> Rules:
-        """What holds for every item."""
-        return Rules(self.support, self.inclusive, self.rule)
 
 
 def policy_name(dimension: int) -> str:

@@ -82,7 +82,7 @@ class Record:
         worth = loading.objective.worth(loading.job, plan)
         if self.plan and worth >= loading.objective.worth(loading.job, self.plan):
             return None
-        check_plan(loading.job, plan, loading.rules.support, loading.rules.inclusive)
+        check_plan(loading.job, plan, loading.rules)
         self.plan = plan
         return self.progress(End.BOUND if worth <= self.bounds.worth else None)
 

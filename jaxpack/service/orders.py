@@ -13,6 +13,7 @@ from jaxpack.io.jobs import job_from_columns
 from jaxpack.io.texts import parse_json
 from jaxpack.model.job import Job
 from jaxpack.model.numbers import fault
+from jaxpack.model.rules import Rules
 from jaxpack.search.portfolio import SolveOptions
 from jaxpack.service.limits import Limits
 from jaxpack.service.problems import Problem
@@ -55,8 +56,9 @@ class Options(_Given):
     )
     seed: int = SolveOptions.seed
     support: float = Field(
-        default=SolveOptions.support, description="share of a base of which more has to be carried"
+        default=Rules.support, description="share of a base of which more has to be carried"
     )
+    stability: str = Field(default=Rules.stability, description="share, centre or static")
     objective: str = Field(default="", description="bins, price, value or height")
     skip_unfit: bool = Field(default=False, description="leave out what no bin can hold")
 
@@ -170,7 +172,7 @@ def _read(order: Order, limits: Limits) -> Asked:
         how = SolveOptions(
             options.time_limit,
             options.seed,
-            options.support,
+            Rules(options.support, stability=options.stability),
             skip_unfit=options.skip_unfit,
             packings=options.packings,
         )

@@ -1,0 +1,79 @@
+"""What holds for every item of a job: how it is carried, and where it may stand."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from jaxpack.errors import UserError
+from jaxpack.model.exact import exact
+from jaxpack.model.numbers import as_number
+
+STABILITIES = ("share", "centre", "static")
+MARGIN = 64
+"""An item is carried beyond its centre, on all sides, by 1/64 of its length and of its width."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What holds for every item of a job."""
+
+    support: float = 0.5
+    """Least share of a base that must be carried, 0 to 1."""
+    inclusive: bool = False
+    """Whether exactly that share is enough; the whole base always is."""
+    rule: str = "lowest"
+    """Which of its allowed positions an item takes, a key of `jaxpack.packing.rules.RULES`."""
+    stability: str = "share"
+    """What else carries it: ``share``, nothing; ``centre``, its centre lies over what stands firm;
+    ``static``, its stack is in equilibrium, for which packers ask that it is ``centre``.
+    """
+    gap: float = 0.0
+    """Between two items beside each other, in the job's unit; in 2D above each other too."""
+    overhang: float = 0.0
+    """How far items may reach over the edges of the floor, in the job's unit."""
+    door: str = ""
+    """Items come in from above, or along x through a door at its far end: ``x``."""
+    balance: float | None = None
+    """Middle share of the floor, along x and along y, that the load's centre of mass lies in."""
+    heavy_below: bool = False
+    """Whether no item may lie on a lighter one."""
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but support and stability is asked."""
+        return self == Rules(self.support, self.inclusive, self.rule, self.stability)
+
+    @property
+    def firm(self) -> bool:
+        """Whether an item rests only on what stands firm, see `STABILITIES`."""
+        return self.stability != "share"
+
+    @cached_property
+    def _share(self) -> tuple[int, int]:
+        return exact(self.support).as_integer_ratio()
+
+    def area_needed(self, area: int) -> int:
+        """The least whole number that is enough of an area."""
+        part, whole = self._share
+        return -(-area * part // whole) if self.inclusive else min(area * part // whole + 1, area)
+
+    def checked(self, called: Callable[[str], str] = lambda name: name) -> "Rules":
+        """The same, if every one is of its type and in its range; `rule` is not looked at.
+
+        Args:
+            called: what messages call a rule of that name.
+
+        Raises:
+            UserError: naming the rule.
+        """
+        if not isinstance(self.inclusive, bool | np.bool_):
+            raise UserError(f"{called('inclusive')} {self.inclusive!r}: give True or False")
+        support = as_number(self.support, called("support"))
+        if not 0 <= support <= 1:
+            raise UserError(f"{called('support')} {support:g}: give a share of the base, 0 to 1")
+        if self.stability not in STABILITIES:
+            known = ", ".join(STABILITIES)
+            raise UserError(f"{called('stability')} {self.stability!r} is not known: use {known}")
+        return replace(self, support=support)
