@@ -278,7 +278,7 @@ BAD = {
     "no list": ('{"items": 3}', "", "order 'items': expected a list of items in loading order"),
     "no action": ('{"items": [3]}', "", "item 0: expected an object with key 'item', found 3"),
     "support": (bridge(), "--support 1.5", "--support 1.5: give a share of the base, 0 to 1"),
-    "no support": (bridge(), "--support nan", "--support nan: give a share of the base"),
+    "no support": (bridge(), "--support nan", "--support: nan is not a finite number"),
     "suffix": (bridge(), "--out v.txt", "--out v.txt: end it with .csv or .json"),
     "folder": (bridge(), "--out no/v.csv", "--out no/v.csv: its folder does not exist"),
     "its input": (bridge(), "--out ./items.csv", "--out items.csv: it is read; name another"),

@@ -249,7 +249,7 @@ def test_the_whole_base_is_enough_where_all_of_it_is_asked_for():
 
 @pytest.mark.parametrize("support", [-0.1, 1.1, math.nan, math.inf])
 def test_a_support_that_is_no_share(support):
-    with pytest.raises(UserError, match="^support.*: (give a share of the base|nan|inf)"):
+    with pytest.raises(UserError, match=r"^support.*: (give a share of the base|nan|inf)"):
         check_plan(JOB, PLAN, Rules(support))
 
 

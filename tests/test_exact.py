@@ -58,9 +58,44 @@ KEYS = {  # name of a rule -> what it looks at, the most important first
 }
 
 
-def plain_bin(items, room, limit, support, inclusive, rule="lowest"):
+MARGIN = Fraction(1, 64)
+
+
+def firm_part(base, firm):
+    """What carries of the top of something that lies there, given what carries under it: a
+    rectangle, or None where one quarter of the base has nothing beyond the centre and a margin.
+    """
+    (x0, x1), (y0, y1) = base
+    middle = Fraction(x0 + x1, 2), Fraction(y0 + y1, 2)
+    margin = (x1 - x0) * MARGIN, (y1 - y0) * MARGIN
+    ends = {}
+    for end_x in (0, 1):
+        for end_y in (0, 1):
+            reaches = []
+            for ax, bx, ay, by in firm:
+                if ax >= x1 or bx <= x0 or ay >= y1 or by <= y0:
+                    continue
+                end = (min(bx, x1) if end_x else max(ax, x0), min(by, y1) if end_y else max(ay, y0))
+                out = [
+                    (end[axis] - middle[axis]) * (1 if far else -1)
+                    for axis, far in enumerate((end_x, end_y))
+                ]
+                if out[0] >= margin[0] and out[1] >= margin[1]:
+                    reaches.append((out[0] * out[1], end))
+            if not reaches:
+                return None
+            ends[end_x, end_y] = max(reaches, key=lambda one: one[0])[1]
+    return (
+        max(ends[0, 0][0], ends[0, 1][0]),
+        min(ends[1, 0][0], ends[1, 1][0]),
+        max(ends[0, 0][1], ends[1, 0][1]),
+        min(ends[0, 1][1], ends[1, 1][1]),
+    )
+
+
+def plain_bin(items, room, limit, support, inclusive, rule="lowest", firm=False):
     """(index -> corner) of one bin, by the rule's own words; all numbers are Fractions."""
-    faces, boxes, corners, load = [], [], {}, 0
+    faces, boxes, corners, load, firms = [], [], {}, 0, {}
     for index, (size, weight) in items:
         length, width, height = size
         if load + weight > limit:
@@ -79,6 +114,9 @@ def plain_bin(items, room, limit, support, inclusive, rule="lowest"):
                 carried = sum(area for top, area in under if top == z) if z else length * width
                 share = Fraction(carried, length * width)
                 enough = share >= support if inclusive else share > support
+                ends = (x, x + length), (y, y + width)
+                if firm and z and firm_part(ends, firms.get(z, [])) is None:
+                    enough = False
                 if enough and z + height <= room[2]:
                     found.append((*KEYS[rule]((x, y, z), size, boxes, room), y, x, z))
         if found:
@@ -86,6 +124,9 @@ def plain_bin(items, room, limit, support, inclusive, rule="lowest"):
             boxes.append(((x, y, z), (x + length, y + width, z + height)))
             faces.append((x, x + length, y, y + width, z + height))
             corners[index] = (x, y, z)
+            ends = (x, x + length, y, y + width)
+            part = firm_part((ends[:2], ends[2:]), firms.get(z, [])) if firm and z else ends
+            firms.setdefault(z + height, []).append(part)
             load += weight
     return corners
 
@@ -133,7 +174,9 @@ MIXED, ALIKE = (200, 250, 300, 400, 333, 517), (250, 400)
     ],
 )
 @pytest.mark.parametrize("rule", KEYS)
-def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit, rule):
+@pytest.mark.parametrize("stability", ["share", "centre"])
+def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit, rule, stability):
+    firm = stability == "centre"
     if rule != "lowest" and unit > 1:
         unit = 1  # volumes of other rules are floats
     batch, count, slots = (40, 12, 4) if rule == "lowest" else (16, 12, 4)
@@ -146,7 +189,7 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit, 
     rooms = np.stack([side, side // [2, 1, 2], side, side], 0)[..., None].repeat(batch, 2)
     limits = np.array([30, 10, 25, 1000])[:, None].repeat(batch, 1)
     bins, corners = packed(
-        TopFaces(16, flat, short=unit == 1),
+        TopFaces(16, flat, short=unit == 1, firm=firm),
         Rules(support, inclusive),
         sizes,
         weights,
@@ -161,7 +204,7 @@ def test_it_packs_as_a_plain_packer_does(flat, support, inclusive, sides, unit, 
             offered = [(i, (tuple(map(int, sizes[i, :, b])), int(weights[i, b]))) for i in waiting]
             room = tuple(map(int, rooms[slot, :, b]))
             placed = plain_bin(
-                offered, room, int(limits[slot, b]), Fraction(str(support)), inclusive, rule
+                offered, room, int(limits[slot, b]), Fraction(str(support)), inclusive, rule, firm
             )
             assert {i for i in range(count) if bins[i, b] == slot} == set(placed)
             for i, corner in placed.items():
@@ -220,14 +263,15 @@ def test_bins_without_a_limit_take_any_weight():
 
 
 @pytest.mark.parametrize("rule", KEYS)
+@pytest.mark.parametrize("stability", ["share", "centre"])
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_in_numpy_every_rule_is_the_same(rule, dimension):
+def test_in_numpy_every_rule_is_the_same(rule, dimension, stability):
     rng = np.random.default_rng(4)
     sides = rng.integers(2, 9, (30, 3)).astype(float)
     sides[:, 1] = 1 if dimension == 2 else sides[:, 1]
     room = (20.0, 1.0 if dimension == 2 else 16.0, 18.0)
     job = Job(tuple(ItemType(tuple(side)) for side in sides), (BinType(room),), dimension)
-    loading = load_job(job, Rules(rule=rule))
+    loading = load_job(job, Rules(rule=rule, stability=stability))
     decoding, stock = encode(loading)
     genes = first_genes(loading, stock, 0, 4)
     bins, corners = pack_lanes(decoding, stock, genes)

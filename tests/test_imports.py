@@ -22,6 +22,7 @@ TOP = {
     "many",
     "waves",
     "flags",
+    "rule_flags",
     "parts",
     "batches",
 }

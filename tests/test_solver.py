@@ -157,18 +157,24 @@ def test_half_a_base_does_not_carry_unless_that_is_asked_for(uncompiled):
 
 
 @pytest.mark.parametrize(
-    ("dimension", "support", "copies", "resolution"),
-    [(2, 0.5, None, None), (3, 1.0, None, None), (3, 0.7, 1, None), (3, 0.0, None, 70.0)],
+    ("dimension", "rules", "copies", "resolution"),
+    [
+        (2, Rules(), None, None),
+        (3, Rules(1.0), None, None),
+        (3, Rules(0.7), 1, None),
+        (3, Rules(0.0), None, 70.0),
+        (2, Rules(stability="centre"), None, None),
+        (3, Rules(stability="centre"), None, None),
+        (3, Rules(0.0, stability="static"), None, 70.0),
+    ],
 )
-def test_plans_made_without_compiling_are_those_of_the_kernel(
-    dimension, support, copies, resolution
-):
+def test_plans_made_without_compiling_are_those_of_the_kernel(dimension, rules, copies, resolution):
     items, pallet = cartons(3, kinds=9), replace(PALLET, max_weight=20.0, copies=copies)
     other = replace(pallet, size=(450.0, 600.0, 500.0), copies=2, cost=2.0)
     if dimension == 2:
         items, pallet, other = tuple(map(flat, items)), flat(pallet), flat(other)
     job = Job(items, (other, pallet), dimension)
-    loading = load_job(job, Rules(support), resolution)
+    loading = load_job(job, rules, resolution)
     packer, stock = packer_of(loading)
     kernel = packer(first_genes(loading, stock, 0, 32))
     orders = set()
@@ -183,7 +189,7 @@ def test_plans_made_without_compiling_are_those_of_the_kernel(
         orders.add((tuple(own.order.tolist()), tuple(own.turn.tolist())))
         # Many at once are as valid.
         best = quick_plan(loading, own)
-        check_plan(job, plan_from(loading, best), Rules(support))
+        check_plan(job, plan_from(loading, best), rules)
     assert len(orders) == 11
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,14 @@ from jaxpack.model.numbers import as_number
 STABILITIES = ("share", "centre", "static")
 MARGIN = 64
 """An item is carried beyond its centre, on all sides, by 1/64 of its length and of its width."""
+
+
+def before_centre(side: Any) -> Any:
+    """How far from its near edge what carries an item beyond its centre has to begin, and from the
+    far edge to end, at most: whole numbers of any kind, as the side is.
+    """
+    half = MARGIN // 2 - 1
+    return side // MARGIN * half + side % MARGIN * half // MARGIN
 
 
 @dataclass(frozen=True)

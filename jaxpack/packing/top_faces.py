@@ -21,6 +21,7 @@ import numpy as np
 from jax import Array
 
 from jaxpack.model.problem import MOST_UNITS
+from jaxpack.packing.firm import QUARTERS, beyond, held
 from jaxpack.packing.rules import Positions, Rule
 from jaxpack.packing.surface import Triple, before, least_first
 from jaxpack.packing.tiles import AT_ONCE, TILE, Tile, Tiles, highest, indices, row_at
@@ -41,6 +42,9 @@ class Faces(NamedTuple):
     used_y: Array
     heights: Array  # dtype [X, Y, B], just beyond a line along x and one along y
     boxes: tuple[Array, ...]  # dtype [M, B] each: near x, far x, near y, far y, bottom, top
+    firm: tuple[
+        Array, ...
+    ]  # dtype [M, B] each: near x, far x, near y, far y of what carries; or ()
     used: Array  # int32 [B], boxes in use
     across: Array  # dtype [X, Y, B], room for what `candidates` finds out
     z: Array
@@ -58,6 +62,7 @@ class TopFaces:
     flat: bool = False  # 2D
     short: bool = False  # no side is longer than `SHORT`: lengths have 16 bits
     step: int = 1  # units, of which corners along x and y are multiples
+    firm: bool = False  # whether items carry only where they are carried, see `Rules.stability`
 
     @property
     def dtype(self) -> np.dtype:
@@ -73,8 +78,9 @@ class TopFaces:
             jnp.full((lines, batch), np.iinfo(dtype).max, dtype).at[0].set(0) for lines in (X, Y)
         )
         one, nothing = jnp.ones(batch, jnp.int32), jnp.zeros((X, Y, batch), dtype)
-        boxes = (jnp.zeros((_rounded(self.most, FACES), batch), dtype),) * 6
-        return Faces(x, y, one, one, nothing, boxes, jnp.zeros_like(one), nothing, nothing)
+        column, none = jnp.zeros((_rounded(self.most, FACES), batch), dtype), jnp.zeros_like(one)
+        boxes, firm = (column,) * 6, (column,) * (4 if self.firm else 0)
+        return Faces(x, y, one, one, nothing, boxes, firm, none, nothing, nothing)
 
     def candidates(
         self, state: Faces, size: Triple, needed: Array, room: Triple, wanted: Array
@@ -124,6 +130,7 @@ class TopFaces:
         box = indices(state.boxes[0]) == jnp.where(fits, state.used, -1)
         sides = (start[0], end[0], start[1], end[1], start[2], end[2])
         nowhere = np.iinfo(self.dtype).max
+        firm = self._held(state, start, end) if self.firm else ()
         return state._replace(
             x=jnp.where(opens & (indices(x) > 0), nowhere, x).astype(self.dtype),
             y=jnp.where(opens & (indices(y) > 0), nowhere, y).astype(self.dtype),
@@ -134,8 +141,21 @@ class TopFaces:
                 jnp.where(box, value, column)
                 for column, value in zip(state.boxes, sides, strict=True)
             ),
+            firm=tuple(
+                jnp.where(box, value, column)
+                for column, value in zip(state.firm, firm, strict=True)
+            ),
             used=jnp.where(opens, 0, state.used + fits.astype(jnp.int32)),
         )
+
+    def _held(self, state: Faces, start: Array, end: Array) -> tuple[Array, ...]:
+        """What carries of the tops of items from corner to corner [3, B]; see `firm.held`."""
+        base = (start[0], end[0], start[1], end[1])
+        used = jnp.arange(len(state.firm[0]), dtype=jnp.int32)[:, None] < state.used
+        there = used & (state.boxes[5] == start[2])
+        area = np.dtype("int32" if self.short else "int64")
+        found = held(jnp, lambda rows: least(rows, 1), base, state.firm, there, area)
+        return tuple(jnp.where(start[2] == 0, a, b) for a, b in zip(base, found, strict=True))
 
     def _with_line(
         self, lines: Array, used: Array, end: Array, fits: Array, wall: Array
@@ -210,8 +230,12 @@ class Corners(NamedTuple):
         z = self.tiles.cells(self.z, tile)
         far_x, far_y = x + self.size[0], y + self.size[1]
         area_type = self.needed.dtype
+        if self.state.firm:
+            beyond_x = beyond(jnp, x, self.size[0], 0)
+            beyond_y = beyond(jnp, y, self.size[1], 1)
 
-        def some(part: Array, area: Array) -> Array:
+        def some(part: Array, sums: tuple[Array, Array]) -> tuple[Array, Array]:
+            area, quarters = sums
             row = (part * FACES, jnp.int32(0))
             near_x, end_x, near_y, end_y, _, top = (
                 jax.lax.dynamic_slice(column, row, (FACES, self.tiles.batch))
@@ -222,12 +246,20 @@ class Corners(NamedTuple):
                 on_y = jnp.minimum(far_y, end_y[face]) - jnp.maximum(y, near_y[face])
                 on_y = jnp.where(part * FACES + face < self.state.used, on_y, 0)
                 on_x, on_y = (jnp.maximum(side, 0).astype(area_type) for side in (on_x, on_y))
-                area += jnp.where(top[face] == z, on_x[:, None] * on_y[None], 0).astype(area_type)
-            return area
+                level = top[face] == z
+                area += jnp.where(level, on_x[:, None] * on_y[None], 0).astype(area_type)
+                if self.state.firm:
+                    ends = [column[part * FACES + face] for column in self.state.firm]
+                    level &= part * FACES + face < self.state.used
+                    both = beyond_x(*ends[:2])[:, None] & beyond_y(*ends[2:])[None]
+                    quarters |= jnp.where(level, both, jnp.int8(0))
+            return area, quarters
 
         count = (self.state.used.max() + (FACES - 1)) >> FACE_BITS
-        area = jax.lax.fori_loop(0, count, some, jnp.zeros(z.shape, area_type))
-        return (z == 0) | (area >= self.needed)
+        nothing = jnp.zeros(z.shape, area_type), jnp.zeros(z.shape, jnp.int8)
+        area, quarters = jax.lax.fori_loop(0, count, some, nothing)
+        held = quarters == QUARTERS if self.state.firm else True
+        return (z == 0) | ((area >= self.needed) & held)
 
     def _contact(self, x: Array, y: Array, z: Array) -> Array:
         """Area of an item's sides at walls and at other items: float32, of the shape of z."""

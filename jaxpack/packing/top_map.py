@@ -5,55 +5,47 @@ wall. The placements are those of `top_faces`, to the unit; the time of one grow
 of cells between the lines, not with cells times items.
 """
 
+from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
+from jaxpack.model.rules import before_centre
+from jaxpack.packing.firm import held
+from jaxpack.packing.lines import Lines, blocks_of, covered, pitch, whole_items, windows_of
 from jaxpack.packing.rules import RULES, Positions, Rule
 
 Place = tuple[int, int, int]
 Sides = tuple[int, int, int]
+Place4 = tuple[int, int, int, int]
+Window = tuple[np.ndarray, np.ndarray]
 
 NOWHERE = np.iinfo(np.int64).max
 """The resting height where an item is not allowed."""
 AT_ONCE = 2**19  # numbers in a table of many items at once
 
 
-@dataclass
-class Lines:
-    """Where cells begin along one axis: ascending, from 0 to the far wall."""
-
-    at: np.ndarray  # int64 [C + 1], units; C cells lie between
-    corner: np.ndarray  # bool [C + 1], whether items may stand there with their near edge
-    step: int  # units, of which corners are multiples
-
-    def with_ends(self, starts: np.ndarray, length: int) -> tuple["Lines", np.ndarray]:
-        """With the near and far edges of items, and the old cell that each new one is part of."""
-        wall = self.at[-1]
-        ends = starts + length
-        stands = -(-ends // self.step) * self.step
-        at = np.unique(np.concatenate([self.at, starts, ends, stands[stands <= wall]]))
-        corner = np.isin(at, np.concatenate([self.at[self.corner], stands]))
-        return Lines(at, corner, self.step), np.searchsorted(self.at, at[:-1], "right") - 1
-
-
 class TopMap:
     """What lies in one bin, seen from above."""
 
-    def __init__(self, room: Sides, flat: bool = False, step: int = 1) -> None:
+    def __init__(self, room: Sides, flat: bool = False, step: int = 1, firm: bool = False) -> None:
         """An empty bin.
 
         Args:
             room: length, width, height of the bin, units.
             flat: 2D, where nothing ever lies behind anything.
             step: units; corners along x and y are multiples of it.
+            firm: whether items carry only where they are carried, see `Rules.stability`.
         """
         self.room = room
         self.flat = flat
         corner = np.array([True, False])
         self.x, self.y = (Lines(np.array([0, side]), corner, step) for side in room[:2])
         self.top = np.zeros((1, 1), np.int64)  # of every cell
+        self.firm = np.ones((1, 1), bool) if firm else None  # whether it carries what lies on it
+        # By height of the tops: near x, far x, near y, far y of what carries.
+        self.firm_at = defaultdict[int, list[Place4]](list)
         self.boxes = list[tuple[Place, Sides]]()  # corner and sides of what lies in it
 
     def lowest(self, size: Sides, needed: int, stop: Callable[[], bool]) -> Place | None:
@@ -65,8 +57,8 @@ class TopMap:
             stop: asked between one height and the next; none of those left is looked at then.
         """
         length, width, height = size
-        near_x, far_x = _windows(self.x, length)
-        near_y, far_y = _windows(self.y, width)
+        near_x, far_x = windows_of(self.x, length)
+        near_y, far_y = windows_of(self.y, width)
         if not len(near_x) or not len(near_y) or height > self.room[2]:
             return None
         z = _window_maxima(_window_maxima(self.top, near_x, far_x).T, near_y, far_y)  # [Y, X]
@@ -77,7 +69,11 @@ class TopMap:
                 level = self.top == least
                 carried = _carried(level, self.x, near_x[columns], far_x[columns], length)
                 carried = _carried(carried.T, self.y, near_y[rows], far_y[rows], width)
-                here[np.ix_(rows, columns)] &= carried >= needed
+                enough = carried >= needed
+                if self.firm is not None:
+                    windows = (near_x[columns], far_x[columns]), (near_y[rows], far_y[rows])
+                    enough &= self._held(level & self.firm, windows, size)
+                here[np.ix_(rows, columns)] &= enough
             if here.any():
                 row, column = divmod(int(here.argmax()), here.shape[1])
                 return int(self.x.at[near_x[column]]), int(self.y.at[near_y[row]]), least
@@ -90,8 +86,8 @@ class TopMap:
         """The position that a rule prefers of those where an item may stand; see `lowest`."""
         if rule is RULES["lowest"]:
             return self.lowest(size, needed, stop)
-        near_x, far_x = _windows(self.x, size[0])
-        near_y, far_y = _windows(self.y, size[1])
+        near_x, far_x = windows_of(self.x, size[0])
+        near_y, far_y = windows_of(self.y, size[1])
         if not len(near_x) or not len(near_y) or size[2] > self.room[2]:
             return None
         z = _window_maxima(_window_maxima(self.top, near_x, far_x).T, near_y, far_y)  # [Y, X]
@@ -107,13 +103,38 @@ class TopMap:
             if stop():
                 return None
             level = self.top == z[row, column]
-            some = slice(column, column + 1)
-            carried = _carried(level, self.x, near_x[some], far_x[some], size[0])
-            some = slice(row, row + 1)
-            carried = _carried(carried.T, self.y, near_y[some], far_y[some], size[1])
-            if not z[row, column] or carried[0, 0] >= needed:
+            across, along = slice(column, column + 1), slice(row, row + 1)
+            windows = (near_x[across], far_x[across]), (near_y[along], far_y[along])
+            carried = _carried(level, self.x, *windows[0], size[0])
+            carried = _carried(carried.T, self.y, *windows[1], size[1])
+            enough = carried >= needed
+            if self.firm is not None:
+                enough &= self._held(level & self.firm, windows, size)
+            if not z[row, column] or enough[0, 0]:
                 return int(x[0, column]), int(y[row, 0]), int(z[row, column])
         return None
+
+    def _held(self, solid: np.ndarray, windows: tuple[Window, Window], size: Sides) -> np.ndarray:
+        """Whether each quarter of a base has solid cells beyond its centre, see `firm`: [Y, X].
+
+        Args:
+            solid: bool [X, Y], the cells that carry.
+            windows: of the bases, along x and along y.
+            size: of the item.
+        """
+        count = np.zeros((solid.shape[0] + 1, solid.shape[1] + 1), np.int64)
+        count[1:, 1:] = solid.cumsum(0).cumsum(1)
+        halves = []
+        for lines, (near, far), side in zip((self.x, self.y), windows, size, strict=False):
+            before, start = before_centre(side), lines.at[near]
+            until = np.searchsorted(lines.at, start + before, "right")
+            since = np.searchsorted(lines.at, start + side - before, "left") - 1
+            halves.append(((near, until), (since, far)))
+        held = np.ones((len(windows[1][0]), len(windows[0][0])), bool)
+        for (a, b), (c, d) in product(*halves):
+            c, d = c[:, None], d[:, None]
+            held &= count[b, d] - count[a, d] - count[b, c] + count[a, c] > 0
+        return held
 
     def _contact(self, x: np.ndarray, y: np.ndarray, z: np.ndarray, size: Sides) -> np.ndarray:
         """Area of an item's sides at walls and at other items, as in `top_faces`."""
@@ -153,8 +174,8 @@ class TopMap:
         found = np.zeros(len(sizes), bool)
         corners = self.x.corner.sum() * self.y.corner.sum()
         for some in np.array_split(np.arange(len(sizes)), 1 + len(sizes) * corners // AT_ONCE):
-            near_x, far_x, long_x, out_x = _blocks(self.x, sizes[some, 0])
-            near_y, far_y, long_y, out_y = _blocks(self.y, sizes[some, 1])
+            near_x, far_x, long_x, out_x = blocks_of(self.x, sizes[some, 0])
+            near_y, far_y, long_y, out_y = blocks_of(self.y, sizes[some, 1])
             x, y = np.s_[:, :, None], np.s_[:, None]
             z = maxima[long_x[x], long_y[y], near_x[x], near_y[y]]
             for one, other in ((near_x, far_y), (far_x, near_y), (far_x, far_y)):
@@ -182,14 +203,14 @@ class TopMap:
         level with the corner: (0, 0) if not even the first lies on level ground.
         """
         (x, y, z), (length, width, _) = corner, size
-        level = self.top == z
+        level = self.top == z if self.firm is None else (self.top == z) & self.firm
         first, last = np.searchsorted(self.x.at, [x, x + length], "left")
         front, back = np.searchsorted(self.y.at, [y, y + width], "left")
-        along = _whole(self.x, level[first:, front:back].all(1), first, length)
+        along = whole_items(self.x, level[first:, front:back].all(1), first, length)
         if not along:
             return 0, 0
-        last = np.searchsorted(self.x.at, x + (along - 1) * _pitch(self.x, length) + length, "left")
-        rows = _whole(self.y, level[first:last, front:].all(0), front, width)
+        last = np.searchsorted(self.x.at, x + (along - 1) * pitch(self.x, length) + length, "left")
+        rows = whole_items(self.y, level[first:last, front:].all(0), front, width)
         return along, 1 if self.flat else rows
 
     def place(self, size: Sides, corner: Place, along: int = 1, rows: int = 1) -> np.ndarray:
@@ -198,16 +219,19 @@ class TopMap:
         Returns:
             int64 [along * rows, 3], their corners in that order.
         """
-        x = corner[0] + np.arange(along) * _pitch(self.x, size[0])
-        y = corner[1] + np.arange(rows) * _pitch(self.y, size[1])
+        x = corner[0] + np.arange(along) * pitch(self.x, size[0])
+        y = corner[1] + np.arange(rows) * pitch(self.y, size[1])
+        base = corner[0], corner[0] + size[0], corner[1], corner[1] + size[1]
+        carries = (
+            base if self.firm is None or len(x) * len(y) > 1 else self._carries(base, corner[2])
+        )
         self.x, old_x = self.x.with_ends(x, size[0])
+        old_y = np.zeros(1, int)
         if not self.flat:
             self.y, old_y = self.y.with_ends(y, size[1])
-            self.top = self.top[old_x[:, None], old_y]
-        else:
-            self.top = self.top[old_x]
+        self.top = self.top[old_x[:, None], old_y]
         inside_x, inside_y = (
-            _covered(lines, starts, side)
+            covered(lines, starts, side)
             for lines, starts, side in ((self.x, x, size[0]), (self.y, y, size[1]))
         )
         self.top[inside_x[:, None] & inside_y] = corner[2] + size[2]
@@ -215,35 +239,39 @@ class TopMap:
         places[..., 0], places[..., 1], places[..., 2] = x, y[:, None], corner[2]
         flat = places.reshape(-1, 3)
         self.boxes += [((a, b, c), size) for a, b, c in flat.tolist()]
+        if self.firm is not None:
+            self.firm = self.firm[old_x[:, None], old_y]
+            self.firm[inside_x[:, None] & inside_y] = False
+            moved = [(a - corner[0], b - corner[1]) for a, b, _ in flat.tolist()]
+            these = [
+                (carries[0] + a, carries[1] + a, carries[2] + b, carries[3] + b) for a, b in moved
+            ]
+            self.firm_at[corner[2] + size[2]] += these
+            sure_x, sure_y = (
+                covered(lines, starts + near, far - near)
+                for lines, starts, near, far in (
+                    (self.x, x, carries[0] - corner[0], carries[1] - corner[0]),
+                    (self.y, y, carries[2] - corner[1], carries[3] - corner[1]),
+                )
+            )
+            self.firm[sure_x[:, None] & sure_y] = True
         return flat
+
+    def _carries(self, base: Place4, z: int) -> Place4:
+        """What carries of the top of an item that stands there; see `firm.held`."""
+        if not z:
+            return base
+        under = np.array(self.firm_at[z], np.int64).T[:, :, None]
+        ends = tuple(np.array([end]) for end in base)
+        there = np.ones((under.shape[1], 1), bool)
+        found = held(np, lambda rows: rows.min(0), ends, tuple(under), there, np.dtype("int64"))
+        a, b, c, d = (int(end[0]) for end in found)
+        return a, b, c, d
 
 
 def _overlap(start: np.ndarray, end: np.ndarray, near: int, far: int) -> np.ndarray:
     """How long two stretches run side by side."""
     return np.maximum(np.minimum(end, far) - np.maximum(start, near), 0).astype(np.float64)
-
-
-def _pitch(lines: Lines, length: int) -> int:
-    return -(-length // lines.step) * lines.step
-
-
-def _windows(lines: Lines, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """The cells from .. to (not included) that an item covers, for every corner it fits at."""
-    near = np.flatnonzero(lines.corner & (lines.at + length <= lines.at[-1]))
-    return near, np.searchsorted(lines.at, lines.at[near] + length, "left")
-
-
-def _blocks(lines: Lines, lengths: np.ndarray) -> tuple[np.ndarray, ...]:
-    """(near, far, long, outside) [I, C] of every corner: two blocks of 2^long cells, from the cells
-    near and far on, are the window of an item, unless it is outside.
-    """
-    corner = np.flatnonzero(lines.corner)
-    ends = lines.at[corner] + lengths[:, None]
-    outside = ends > lines.at[-1]
-    last = np.searchsorted(lines.at, np.minimum(ends, lines.at[-1]), "left")
-    near = np.broadcast_to(np.minimum(corner, len(lines.at) - 2), ends.shape)
-    long = np.frexp(np.maximum(last - near, 1))[1] - 1
-    return near, np.maximum(last - (1 << long), 0), long, outside
 
 
 def _doubled(maxima: np.ndarray, block: int) -> np.ndarray:
@@ -276,17 +304,3 @@ def _carried(
     beyond = lines.at[far] - (lines.at[near] + length)
     under: np.ndarray = until[far] - until[near] - level[far - 1] * beyond[:, None]
     return under
-
-
-def _whole(lines: Lines, level: np.ndarray, first: int, length: int) -> int:
-    """How many items fit side by side on level cells from the first on."""
-    end = len(level) if level.all() else int(level.argmin())
-    free = int(lines.at[first + end] - lines.at[first]) - length
-    return free // _pitch(lines, length) + 1 if free >= 0 else 0
-
-
-def _covered(lines: Lines, starts: np.ndarray, length: int) -> np.ndarray:
-    """bool [C], whether one of the items lies on the cell."""
-    item = np.searchsorted(starts, lines.at[:-1], "right") - 1
-    covered: np.ndarray = (item >= 0) & (lines.at[:-1] < starts[item] + length)
-    return covered

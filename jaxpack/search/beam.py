@@ -56,7 +56,7 @@ def fill(kinds: Kinds, goods: Goods, stop: Stop, now: Filling | None = None) -> 
         stop: asked all the time.
         now: bins to go on with; empty ones if not given.
     """
-    now = now or filling.empty(np, goods, kinds.blocks)
+    now = now or filling.empty(np, goods, kinds.blocks, kinds.firm)
     done, lanes = Filling(*map(np.array, now)), np.arange(len(now.used))
     while (going := filling.goes_on(now)).any() and not stop():
         if 2 * going.sum() <= len(going):  # the others are done
@@ -79,7 +79,7 @@ def fill_by_beam(
         children: blocks that each of them is continued by.
     """
     G, n = len(goods.limit), width * children
-    first = filling.empty(np, goods, kinds.blocks)
+    first = filling.empty(np, goods, kinds.blocks, kinds.firm)
     best, most = first, np.full(G, -np.inf)
     nodes = some_lanes(first, np.repeat(np.arange(G), width))
     # The beam begins with one bin; the other lanes have no space.

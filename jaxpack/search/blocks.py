@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxpack.model.rules import before_centre
 from jaxpack.search.block_policy import Judge, Offer, features
 from jaxpack.search.filling import SHORTER, Axes, Block, Filling, Goods, Space, rows_of, some_lanes
 from jaxpack.search.spaces import next_space, without
@@ -40,6 +41,7 @@ def step(
         _with(xp, now.far, block.far, now.used, block.found),
         _with(xp, now.row, block.row, now.used, block.found),
         _with(xp, now.grid, block.grid, now.used, block.found),
+        _with(xp, now.firm, block.firm, now.used, block.found) if now.firm.size else now.firm,
         used,
         left,
         now.load - (taken * goods.weight).sum(0).astype(np.int32),
@@ -80,7 +82,9 @@ def _best_block(
     near = xp.concatenate(
         [xp.where(space.turned, space.high[:2] - extent[:2], space.low[:2]), space.low[2:]]
     )
-    return Block(found, row, grid, near, near + extent)
+    held = xp.where(found, xp.minimum(extent[:2], space.carried), 0)
+    start = xp.where(space.turned, space.high[:2] - held, space.low[:2])
+    return Block(found, row, grid, near, near + extent, xp.concatenate([start, start + held]))
 
 
 def _of_all(
@@ -152,6 +156,8 @@ def _grids(
     along = []  # as far as the rectangle reaches, or over its edge along x or along y
     for axis in (0, 1):
         least = -(-needed // side[1 - axis])
+        if now.firm.size:
+            least = xp.maximum(least, side[axis] - before_centre(side[axis]))
         beyond = xp.where(carried[axis] >= least, 1 + (carried[axis] - least) // side[axis], 0)
         reach = [inside[0], inside[1], most[2]]
         reach[axis] = xp.minimum(beyond, most[axis])

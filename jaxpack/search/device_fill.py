@@ -36,32 +36,32 @@ class DeviceFill:
         if not 1 <= devices <= (there := len(jax.local_devices())):
             raise UserError(f"devices {devices}: there are {there}; ask for 1 to {there}")
         self.devices = devices
-        self.programs: dict[tuple[Axes, int], Any] = {}
+        self.programs: dict[tuple[Axes, int, bool], Any] = {}
 
     def __call__(self, kinds: Kinds, goods: Goods, stop: Stop) -> Filling:
         """See `fill`; what `stop` says is looked at before."""
         if kinds.judge is not None or stop():
             return fill(kinds, goods, stop)
         blocks = bucket(kinds.blocks, BLOCKS)
-        program = self.programs.get((kinds.axes, blocks))
+        static = kinds.axes, blocks, kinds.firm
+        program = self.programs.get(static)
         if program is None:
-            program = self._program(kinds.axes, blocks)
-            self.programs[kinds.axes, blocks] = program
+            program = self.programs[static] = self._program(*static)
         K, lanes = goods.count.shape
         full = Filling(*map(np.asarray, program(padded(goods, self.devices))))
         full = Filling(*(leaf[..., :lanes] for leaf in full))
         M = kinds.blocks
         return full._replace(
             left=full.left[:K], near=full.near[:, :M], far=full.far[:, :M],
-            row=full.row[:M], grid=full.grid[:, :M],
+            row=full.row[:M], grid=full.grid[:, :M], firm=full.firm[:, :M],
         )  # fmt: skip
 
-    def _program(self, axes: Axes, blocks: int) -> Any:
+    def _program(self, axes: Axes, blocks: int, firm: bool) -> Any:
         def filled(goods: Goods) -> Filling:
             return jax.lax.while_loop(
                 lambda now: filling.goes_on(now).any(),
                 partial(step, jnp, axes, goods),
-                filling.empty(jnp, goods, blocks),
+                filling.empty(jnp, goods, blocks, firm),
             )
 
         mesh = data_mesh(self.devices)
@@ -71,7 +71,7 @@ class DeviceFill:
 
 
 RANKS = {
-    **dict.fromkeys(("side", "shortest", "less", "low", "high", "near", "far", "grid"), 3),
+    **dict.fromkeys(("side", "shortest", "less", "low", "high", "near", "far", "grid", "firm"), 3),
     **dict.fromkeys(("needed", "value", "weight", "count", "room", "first"), 2),
     **dict.fromkeys(("awake", "row", "left"), 2),
 }

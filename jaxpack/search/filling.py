@@ -54,6 +54,9 @@ class Filling(NamedTuple):
     far: Any  # int32 [3, M, P]
     row: Any  # int32 [M, P]
     grid: Any  # int32 [3, M, P], items along each axis
+    firm: (
+        Any  # int32 [4, M, P], near x and y, far x and y of what their tops carry on; or [4, 0, P]
+    )
     used: Any  # int32 [P], blocks
     left: Any  # int32 [K, P], copies that are not packed
     load: Any  # int32 [P], weight that may still come in
@@ -78,10 +81,18 @@ class Block(NamedTuple):
     grid: Any  # int32 [3, P]
     near: Any  # int32 [3, P]
     far: Any
+    firm: Any  # int32 [4, P], see `Filling`
 
 
-def empty(xp: Any, goods: Goods, blocks: int) -> Filling:
-    """Empty bins with room for so many blocks: one space, no block."""
+def empty(xp: Any, goods: Goods, blocks: int, firm: bool) -> Filling:
+    """Empty bins with room for so many blocks: one space, no block.
+
+    Args:
+        xp: `numpy` or `jax.numpy`.
+        goods: what comes in.
+        blocks: at most.
+        firm: whether they carry only where they are carried, see `Rules.stability`.
+    """
     P = goods.room.shape[1]
     first = (xp.arange(SPACES) == 0)[:, None]
     nothing = xp.zeros((3, blocks, P), np.int32)
@@ -93,6 +104,7 @@ def empty(xp: Any, goods: Goods, blocks: int) -> Filling:
         far=nothing,
         row=xp.zeros((blocks, P), np.int32),
         grid=nothing,
+        firm=xp.zeros((4, blocks if firm else 0, P), np.int32),
         used=xp.zeros(P, np.int32),
         left=goods.count,
         load=goods.limit,

@@ -57,6 +57,11 @@ class Kinds:
     known: dict[bytes, np.ndarray] = field(default_factory=dict)  # sums
 
     @property
+    def firm(self) -> bool:
+        """Whether items rest only on what is firm."""
+        return self.loading.rules.firm
+
+    @property
     def ways(self) -> int:
         """Orientations that every kind has rows for."""
         return self.side.shape[1] // len(self.count)

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 
 from jaxpack.model.encoding import MOST_TOGETHER, Genes, Loading, Stock, most_together, padded
+from jaxpack.model.rules import Rules
 from jaxpack.packing.decode import Bins, Items, decode
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.top_faces import SHORT, TopFaces
@@ -74,7 +75,8 @@ def programs(flat: bool, items: int) -> Iterator[Program]:
     powers = [FEWEST << n for n in range((_power_of_two(items) // FEWEST).bit_length())]
     for count, most, types, short in product(powers, powers, TYPES, (True, False)):
         if most == count if flat else most <= min(count, MOST_TOGETHER):
-            yield Program(Decoding(TopFaces(most, flat, short)), count, types * count)
+            surface = TopFaces(most, flat, short, firm=Rules().firm)
+            yield Program(Decoding(surface), count, types * count)
 
 
 def program_of(loading: Loading) -> Program:
@@ -82,7 +84,7 @@ def program_of(loading: Loading) -> Program:
     stock, items = loading.stock, _power_of_two(len(loading.items))
     short = int(stock.bins.max()) <= SHORT and stock.weight.dtype == np.int32
     most = items if loading.flat else _power_of_two(most_together(stock))
-    surface = TopFaces(most, loading.flat, short, int(stock.step))
+    surface = TopFaces(most, loading.flat, short, int(stock.step), loading.rules.firm)
     bins = max(TYPES[0] * items, _power_of_two(len(loading.bins)))
     return Program(Decoding(surface, loading.rules.rule), items, bins)
 

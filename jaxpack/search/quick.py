@@ -134,7 +134,7 @@ def pack_quickly(
             break
         x, y, z = stock.bins[slot].tolist()
         limit = int(stock.limit[slot])
-        top = TopMap((x, y, z), loading.flat, int(stock.step))
+        top = TopMap((x, y, z), loading.flat, int(stock.step), loading.rules.firm)
         placed = list(filler.fill(top, math.inf if limit == no_limit else limit))
         barren = set() if placed else barren | {kind}
         for run, first, corners in placed:

@@ -30,18 +30,22 @@ def next_space(xp: Any, goods: Goods, now: Filling) -> Space:
 
 
 def _carried(xp: Any, now: Filling, low: Any, high: Any, turned: Any) -> Any:
-    """The largest rectangle at the corner that is all tops, or the floor: int32 [2, P]."""
+    """The largest rectangle at the corner that is all tops, where they are firm if that is asked,
+    or the floor: int32 [2, P].
+    """
     sides = high[:2] - low[:2]
     # NumPy's arrays are as long as they have to be.
     M = len(now.row) if xp is not np else max(1, int(now.used.max()))
-    nears, fars = now.near[:2, :M], now.far[:, :M]
-    beside = ((nears < high[:2, None]) & (fars[:2] > low[:2, None])).all(0)
-    carries = beside & (fars[2] == low[2]) & (xp.arange(M)[:, None] < now.used)
+    nears, fars = now.near[:2, :M], now.far[:2, :M]
+    if now.firm.size:
+        nears, fars = now.firm[:2, :M], now.firm[2:, :M]
+    beside = ((nears < high[:2, None]) & (fars > low[:2, None])).all(0)
+    carries = beside & (now.far[2, :M] == low[2]) & (xp.arange(M)[:, None] < now.used)
     nth = xp.cumsum(carries, 0)
     some = (nth == xp.arange(1, TOPS + 1)[:, None, None]) & carries  # [TOPS, M, P]
     there = some.any(1)
     index = some.argmax(1)
-    near, far = (rows_of(xp, side, index) for side in (nears, fars[:2]))
+    near, far = (rows_of(xp, side, index) for side in (nears, fars))
     # From the corner on.
     flip = turned[:, None]
     start = xp.maximum(xp.where(flip, high[:2, None] - far, near - low[:2, None]), 0)

@@ -31,7 +31,7 @@ def fill_together(asked: Sequence[Asked], stop: Stop, fill: Fill = fill) -> list
     alike = defaultdict[tuple, list[int]](list)
     for n, one in enumerate(asked):
         kinds = one.kinds
-        alike[kinds.ways, kinds.axes, kinds.unit, id(kinds.judge)].append(n)
+        alike[kinds.ways, kinds.axes, kinds.unit, kinds.firm, id(kinds.judge)].append(n)
     filled: dict[int, Filling] = {}
     for mine in alike.values():
         mine.sort(key=lambda n: len(asked[n].goods.count))  # little is padding then
