@@ -64,6 +64,10 @@ def found(loading, passes, seed=0):
         (Rules(0.7), {"dimension": 2, "copies": 9}),
         (Rules(0.0), {"dimension": 2, "kinds": 9}),
         (Rules(0.0, True), {"kinds": 12, "ways": ("XYZ",)}),
+        (Rules(stability="centre"), {"copies": 9}),
+        (Rules(0.0, True, stability="centre"), {"kinds": 12}),
+        (Rules(0.0, True, stability="static"), {"kinds": 12, "copies": 3}),
+        (Rules(0.6, stability="centre"), {"dimension": 2, "kinds": 9}),
     ],
 )
 def test_every_packing_is_a_plan_of_everything(rules, how):
@@ -157,9 +161,11 @@ def test_the_same_seed_fills_the_same():
         np.testing.assert_array_equal(mine.corner, theirs.corner)
 
 
+@pytest.mark.parametrize("stability", ["share", "centre"])
 @pytest.mark.parametrize("copies", [6, 1])
-def test_compiled_it_is_the_same_to_the_bit(copies):
-    loading = load_job(job_of(1, copies=copies, kinds=5, types=2, weights=True))
+def test_compiled_it_is_the_same_to_the_bit(copies, stability):
+    job = job_of(1, copies=copies, kinds=5, types=2, weights=True)
+    loading = load_job(job, Rules(stability=stability))
     kinds, random = kinds_of(loading), np.random.default_rng(0)
     types = np.arange(2)
     goods, _ = bin_values._drawn(kinds, kinds.size, kinds.count, types, random)
@@ -167,9 +173,8 @@ def test_compiled_it_is_the_same_to_the_bit(copies):
     @partial(jax.jit, static_argnums=0)
     def compiled(axes, goods):
         go_on = partial(step, jnp, axes, goods)
-        return jax.lax.while_loop(
-            lambda now: filling.goes_on(now).any(), go_on, filling.empty(jnp, goods, kinds.blocks)
-        )
+        empty = filling.empty(jnp, goods, kinds.blocks, kinds.firm)
+        return jax.lax.while_loop(lambda now: filling.goes_on(now).any(), go_on, empty)
 
     ours = fill(kinds, goods, lambda: False)
     assert ours.used.min() > 0
