@@ -30,6 +30,8 @@ class Rule(StrEnum):
     BLOCKED = "blocked"  # from above, by an item that was loaded earlier
     FLOATING = "floating"  # on nothing at all
     SUPPORT = "support"  # on too little
+    CENTRE = "centre"  # not over what carries it
+    STATIC = "static"  # its stack is not in equilibrium
 
 
 RANK = {rule: rank for rank, rule in enumerate(Rule)}
@@ -72,7 +74,7 @@ def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Find
     for row, axis in np.argwhere(outside.astype(bool)).tolist():
         yield Finding(Rule.OUTSIDE, row, axis=axis)
 
-    ranked = _Ranked(boxes)
+    ranked = Ranked(boxes)
     every = np.arange(len(boxes.bin))
     obstructed = ranked.earliest(every, [(ranked.bottom, ranked.top)]) >= 0
     blamed = every[obstructed]
@@ -98,7 +100,7 @@ def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Find
             yield Finding(Rule.SUPPORT, int(lifted[at]), share=share)
 
 
-def _supported(boxes: Boxes, ranked: "_Ranked", rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _supported(boxes: Boxes, ranked: "Ranked", rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(area of their bases that lies on others, area of their bases) of these rows."""
     low, high = boxes.low[:, :2], boxes.high[:, :2]
     reach = max((int(abs(ends).max()) for ends in (low, high)), default=0)
@@ -112,7 +114,7 @@ def _supported(boxes: Boxes, ranked: "_Ranked", rows: np.ndarray) -> tuple[np.nd
     return area, sides[:, 0] * sides[:, 1]
 
 
-class _Ranked:
+class Ranked:
     """Where boxes begin and end as ranks, which compare as the lengths do, and their tree."""
 
     def __init__(self, boxes: Boxes) -> None:

@@ -18,6 +18,7 @@ from jaxpack.model.exact import DIGITS, exact
 from jaxpack.model.job import ORIENTATIONS, WEIGHT_DECIMALS, Job, Placement, Plan
 from jaxpack.model.numbers import show
 from jaxpack.model.rules import Rules
+from jaxpack.model.stability_check import Tipping, off_centre, unbalanced
 from jaxpack.model.violations import Violation, sentence
 
 NOISE = 1e-12  # of the longest side of a bin: a position that misses a unit by less is on it
@@ -179,7 +180,10 @@ def _misplaced(job: Job, plan: Plan, rules: Rules) -> Iterator[Violation]:
     def length(leaf: np.ndarray, row: int, axis: int) -> Fraction:
         return int(leaf[row, axis]) * units[axis]
 
+    astray = set()
     for rule, row, other, axis, held in misplaced(boxes, share, inclusive):
+        if rule in (Rule.OVERLAP, Rule.BLOCKED, Rule.FLOATING):
+            astray.add(row)
         at = int(turn[other]) if rule in (Rule.OVERLAP, Rule.BLOCKED) else None
         what: str | None = None
         found, allowed = length(boxes.low, row, axis), Fraction(0)
@@ -205,6 +209,26 @@ def _misplaced(job: Job, plan: Plan, rules: Rules) -> Iterator[Violation]:
         amount = float(abs(found - allowed))
         item, figures = int(puts[row].item), (float(found), float(allowed), amount)
         yield Violation(rule, int(number[row]), item, int(turn[row]), at, what, *figures)
+
+    for row, axis, missing in _tipping(job, puts, boxes, rules.stability):
+        if row in astray:
+            continue
+        rule, over = Rule(rules.stability), missing
+        if rule is Rule.CENTRE:
+            over *= float(length(boxes.high, row, axis) - length(boxes.low, row, axis))
+        where = Violation(rule, int(number[row]), int(puts[row].item), int(turn[row]))
+        yield where._replace(what="xyz"[axis], amount=over) if math.isfinite(over) else where
+
+
+def _tipping(job: Job, puts: list[Placement], boxes: Boxes, stability: str) -> Iterator[Tipping]:
+    """What does not stand; items without weights weigh what their volume is."""
+    if stability == "centre":
+        yield from off_centre(boxes)
+    elif stability == "static":
+        weights = np.array([job.items[put.item].weight for put in puts])
+        if not any(item.weight for item in job.items):
+            weights = (boxes.high - boxes.low).astype(float).prod(1)
+        yield from unbalanced(boxes, weights)
 
 
 def _boxes(

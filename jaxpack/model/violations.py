@@ -80,6 +80,12 @@ def _told(violation: Violation, job: Job | None) -> str:
         case Rule.SUPPORT:
             wanted = f"{what} {_percent(allowed)}"
             return f"{_percent(found)} of its footprint is supported, not {wanted}"
+        case Rule.CENTRE:
+            wrong = "its centre is not inside what carries it"
+            out = f"it is {_number(amount)} too far out along {what}"
+            return f"{wrong}: {out if what else 'nothing firm is under it'}"
+        case Rule.STATIC:
+            return f"its stack is not in equilibrium: it would tip along {what}"
 
 
 def _number(value: float | None) -> str:
