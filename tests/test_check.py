@@ -118,6 +118,37 @@ def test_half_a_base(home, monkeypatch, capsys, options, code):
     assert ("50 % of its footprint" in found[1][0]) == (code == 1)
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ("", "valid"),
+        ("--stability share", "valid"),
+        ("--stability static", "valid"),
+        ("--stability centre", "its centre is not inside what carries it"),
+    ],
+)
+def test_a_lid_that_the_rest_holds_down(home, monkeypatch, capsys, options, told):
+    """Half of a lid hangs out; with something heavy on the other half."""
+    (home / "items.csv").write_text(ITEMS + "4,4,1,1,90,anvil\n")
+    (home / "bins.csv").write_text("X,Y,Z\n10,4,9\n")
+    (job,) = read_job(home / "items.csv", home / "bins.csv")
+    jar, _, lid = bridge().bins[0].placements
+    places = jar, lid, Placement(2, "XYZ", (0, 0, 3))
+    write_plan_json(home / "p.json", job, Plan((PackedBin(0, places),), left_out=(0,)))
+    rules = ["--support", "0.4", *options.split(), "--out", "v.json"]
+    code, lines, _ = checked(monkeypatch, capsys, "p.json", "items.csv", "bins.csv", *rules)
+    assert (code, len(lines)) == (told != "valid", 1)
+    assert told in lines[0]
+    if code:
+        (record,) = json.loads((home / "v.json").read_text())
+        assert (record["rule"], record["turn"], record["what"], record["amount"]) == (
+            "centre",
+            1,
+            "x",
+            0.125,
+        )
+
+
 def test_weight_and_count_from_a_certificate_of_another(home, monkeypatch, capsys):
     """Columns in another order, a bin of two copies, numbers with many digits."""
     (home / "bins.csv").write_text(BINS.replace(",5\n", ",4.9\n"))
@@ -279,6 +310,7 @@ BAD = {
     "no action": ('{"items": [3]}', "", "item 0: expected an object with key 'item', found 3"),
     "support": (bridge(), "--support 1.5", "--support 1.5: give a share of the base, 0 to 1"),
     "no support": (bridge(), "--support nan", "--support: nan is not a finite number"),
+    "stability": (bridge(), "--stability x", "--stability 'x' is not known: use share, cen"),
     "suffix": (bridge(), "--out v.txt", "--out v.txt: end it with .csv or .json"),
     "folder": (bridge(), "--out no/v.csv", "--out no/v.csv: its folder does not exist"),
     "its input": (bridge(), "--out ./items.csv", "--out items.csv: it is read; name another"),
