@@ -34,7 +34,7 @@ class Rules:
     """Whether exactly that share is enough; the whole base always is."""
     rule: str = "lowest"
     """Which of its allowed positions an item takes, a key of `jaxpack.packing.rules.RULES`."""
-    stability: str = "share"
+    stability: str = "centre"
     """What else carries it: ``share``, nothing; ``centre``, its centre lies over what stands firm;
     ``static``, its stack is in equilibrium, for which packers ask that it is ``centre``.
     """

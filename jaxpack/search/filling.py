@@ -84,7 +84,7 @@ class Block(NamedTuple):
     firm: Any  # int32 [4, P], see `Filling`
 
 
-def empty(xp: Any, goods: Goods, blocks: int, firm: bool) -> Filling:
+def empty(xp: Any, goods: Goods, blocks: int, firm: bool = False) -> Filling:
     """Empty bins with room for so many blocks: one space, no block.
 
     Args:
