@@ -6,7 +6,7 @@ from pathlib import Path
 import jaxpack
 
 ROOT = Path(jaxpack.__file__).parent
-DOORS = {"train", "evaluate", "solve", "check", "warm", "serve", "stream"}
+DOORS = {"train", "evaluate", "solve", "check", "warm", "serve", "stream", "simulate"}
 TOP = {
     "methods",
     "comparison",
@@ -16,6 +16,7 @@ TOP = {
     "solution",
     "cli",
     "orders",
+    "plan_files",
     "search_process",
     "wave_process",
     "workers",
