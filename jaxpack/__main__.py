@@ -14,6 +14,7 @@ COMMANDS = {
     "evaluate": "compare methods on fresh instances",
     "stream": "pack a Parquet file of any number of orders into part files; goes on after a kill",
     "check": "check a plan of anyone against its items and bins",
+    "simulate": "load a plan under gravity, and say what moved",
     "warm": "compile once, after an install, what solve would compile when it meets an order",
     "serve": "answer orders over HTTP with plans",
 }

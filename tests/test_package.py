@@ -173,7 +173,7 @@ def test_the_command_says_what_there_is(how):
 def test_an_unknown_command_is_one_line(arguments, start):
     code, output, errors = run("-m", "jaxpack", *arguments)
     assert (code, output) == (2, "")
-    names = "solve, train, evaluate, stream, check, warm, serve"
+    names = "solve, train, evaluate, stream, check, simulate, warm, serve"
     assert errors == f"error: {start}: give {names} or --help\n"
 
 

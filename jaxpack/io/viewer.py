@@ -5,6 +5,7 @@ import json
 import math
 import re
 from collections import Counter
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,12 @@ def write_html(path: Path, job: Job, plan: Plan, title: str = "") -> None:
         plan: a packing of it.
         title: the page's heading; the job's name if not given.
     """
-    page = html_page(title or job.name or "Loading plan", shown_plan(job, plan))
+    write_page(path, title or job.name or "Loading plan", shown_of(job, plan))
+
+
+def write_page(path: Path, title: str, shown: Mapping[str, Any]) -> None:
+    """Writes the page of what `shown_of` gave, of which more may be said."""
+    page = html_page(title, _json(shown))
     with replace_file(path, "wb") as file:
         file.write(page)
 
@@ -45,10 +51,14 @@ def html_page(title: str, shown: str) -> bytes:
 
 def shown_plan(job: Job, plan: Plan) -> str:
     """What the page of a plan shows, as JSON in which no name can end a script or open another."""
-    return json.dumps(_shown(job, plan), allow_nan=False).replace("<", "\\u003c")
+    return _json(shown_of(job, plan))
 
 
-def _shown(job: Job, plan: Plan) -> dict[str, Any]:
+def _json(shown: Mapping[str, Any]) -> str:
+    return json.dumps(shown, allow_nan=False).replace("<", "\\u003c")
+
+
+def shown_of(job: Job, plan: Plan) -> dict[str, Any]:
     """What the script of the page draws."""
     names = [item.name or f"item {index}" for index, item in enumerate(job.items)]
     return {
