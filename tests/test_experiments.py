@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 SCRIPTS = [("solve_public.py", "2bp"), ("solve_public.py", "ivancic"), ("parts.py",)]
 SCRIPTS += [("solve_public.py", "br"), ("solve_public.py", "bed"), ("fill_ideas.py",)]
-SCRIPTS += [("public_tables.py",), ("peers.py",)]
+SCRIPTS += [("public_tables.py",), ("peers.py",), ("physics.py",)]
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=" ".join)
