@@ -63,9 +63,6 @@ def test_another_word_is_no_near_miss(tmp_path, name):
 
 
 OF_ITEMS = {  # PackingSolver's columns: what asks for nothing, and what asks for something
-    "MAXIMUM_WEIGHT_ABOVE": ("inf", "30"),
-    "STACKABILITY_ID": ("0", "1"),
-    "MAXIMUM_STACKABILITY": ("2147483647", "3"),
     "NESTING_HEIGHT": ("0", "2"),
     "GROUP_ID": ("0", "1"),
     "PROFIT": ("60", "7"),

@@ -57,10 +57,11 @@ class Kind:
     flags: Mapping[int, tuple[str, ...]]  # by dimension
     meant: dict[str, str]  # another word -> the column that says it
     foreign: Mapping[str, foreign.Harmless]
+    texts: tuple[str, ...] = ()  # words so common that nothing like them is taken for them
 
     def columns(self, dimension: int) -> tuple[str, ...]:
         """All columns that are obeyed."""
-        return (*SIDES[dimension], *self.numbers, *self.flags[dimension], *NAMES)
+        return (*SIDES[dimension], *self.numbers, *self.flags[dimension], *self.texts, *NAMES)
 
     def wanted(self, goal: Objective) -> "Kind":
         """With the columns that are obeyed for that objective."""
@@ -69,7 +70,8 @@ class Kind:
         if goal.leaves_out and "COPIES_MIN" in rest:
             rest["COPIES_MIN"] = foreign.zero
         meant = {word: column for word, column in _GOALS.items() if column in obeyed}
-        return Kind((*self.numbers, *obeyed), self.flags, self.meant | meant, rest)
+        numbers = (*self.numbers, *obeyed)
+        return Kind(numbers, self.flags, self.meant | meant, rest, self.texts)
 
 
 _COUNTS = ("QTY", "QUANTITY", "COUNT", "AMOUNT", "PIECES", "PCS", "NUMBER", "UNITS", "COPY")
@@ -82,16 +84,29 @@ _LAST = ("QTY", "QUANTITY", "PIECES", "PCS", "PAYLOAD")
 
 _GOALS = {"VALUE": "PROFIT", "WORTH": "PROFIT", "REVENUE": "PROFIT", "PRICE": "PROFIT"}
 
+_ABOVE = ("WEIGHT_ABOVE", "MAX_WEIGHT_ABOVE", "LOAD_ABOVE", "MAX_LOAD_ABOVE")
+_STACKS = ("MAX_STACKABILITY", "MAX_STACK", "MAXIMUM_STACK", "STACK_LIMIT")
+
 ITEMS = Kind(
-    numbers=("COPIES", "WEIGHT"),
+    numbers=(
+        *("COPIES", "WEIGHT", "MAXIMUM_WEIGHT_ABOVE", "STACKABLE", "MAXIMUM_STACKABILITY"),
+        *("STACKABILITY_ID", "STOP", "FLOOR"),
+    ),
     flags={2: ("ORIENTED",), 3: tuple(ROTATIONS)},
-    meant={**dict.fromkeys(_COUNTS, "COPIES"), "MASS": "WEIGHT", "UNIT_WEIGHT": "WEIGHT"},
+    meant={
+        **dict.fromkeys(_COUNTS, "COPIES"),
+        **dict.fromkeys(("MASS", "UNIT_WEIGHT"), "WEIGHT"),
+        **dict.fromkeys(_ABOVE, "MAXIMUM_WEIGHT_ABOVE"),
+        **dict.fromkeys(_STACKS, "MAXIMUM_STACKABILITY"),
+    },
     foreign=foreign.OF_ITEMS,
+    texts=("GROUP", "APART"),
 )
 BINS = Kind(
-    numbers=("COST", "COPIES", "MAXIMUM_WEIGHT"),
+    numbers=("COST", "COPIES", "MAXIMUM_WEIGHT", "MAXIMUM_ITEMS"),
     flags={2: (), 3: ()},
     meant={
+        **dict.fromkeys(("MAX_ITEMS", "ITEM_LIMIT"), "MAXIMUM_ITEMS"),
         **dict.fromkeys((*_COUNTS, "STOCK", "AVAILABLE"), "COPIES"),
         **dict.fromkeys(_LOADS, "MAXIMUM_WEIGHT"),
         **dict.fromkeys(("PRICE", "UNIT_COST"), "COST"),

@@ -12,7 +12,8 @@ item be turned by a quarter; without that items may not be turned, as in the sta
 3D items may be turned as the ROTATION columns with 1 say, without any not at all. For bins empty
 or -1 is: COST their volume, COPIES any number, MAXIMUM_WEIGHT none. PROFIT is for the objective
 value: without it items are worth their volume, and bins without COPIES are one. For the objective
-height that of a bin may be empty or -1: it is open. See docs/file-formats.md.
+height that of a bin may be empty or -1: it is open. Columns of more rules: docs/rules.md, all of
+them: docs/file-formats.md.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -10,7 +10,16 @@ from jaxpack.io.notes import note
 from jaxpack.io.tables import Row
 from jaxpack.model.exact import exact
 from jaxpack.model.job import FLAT_TURNED, BinType, ItemType, Sides, counted
+from jaxpack.model.limits import BinLimits, ItemLimits
 from jaxpack.model.numbers import as_profit, fault, plain
+
+NO_LIMITS = ItemLimits()
+LIMITS = {
+    *("MAXIMUM_WEIGHT_ABOVE", "STACKABLE", "MAXIMUM_STACKABILITY", "STACKABILITY_ID"),
+    *("GROUP", "APART", "STOP", "FLOOR"),
+}
+"""The columns of items that are limits."""
+NONE = 2**31 - 1  # and what is above it is no limit in PackingSolver's files
 
 
 def _size(row: Row, dimension: int, whole: bool, end: float | None = None) -> Sides:
@@ -59,6 +68,7 @@ def item_types(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
     if not table.lines:
         raise fault(table.header, "no items below the header: give at least one")
     _say_cut(read, reading)
+    limited = not LIMITS.isdisjoint(table.columns)
     items = []
     total = 0
     for row in table.rows():
@@ -75,11 +85,33 @@ def item_types(read: Understood, reading: Reading) -> tuple[ItemType, ...]:
                 row.text(*NAMES),
                 f"row {row.row}",
                 profit=_profit(row) if "PROFIT" in reading.goal.obeys else None,
+                limits=_item_limits(row) if limited else NO_LIMITS,
             )
         )
     if not total:
         raise fault(table.header, "all COPIES are 0: give at least one item")
     return tuple(items)
+
+
+def _item_limits(row: Row) -> ItemLimits:
+    """What is asked of an item beside its size and weight."""
+    above, stack = "MAXIMUM_WEIGHT_ABOVE", "MAXIMUM_STACKABILITY"
+    identity = "STACKABILITY_ID"
+    return ItemLimits(
+        weight_above=row.weight(above) if _limited(row, above) else math.inf,
+        stackable=row.flag("STACKABLE", default=True),
+        most_in_stack=row.whole(stack, low=1) if _limited(row, stack) else None,
+        stack_id=row.whole(identity, low=0) if row.has(identity) else 0,
+        group=row.text("GROUP"),
+        apart=row.text("APART"),
+        stop=row.whole("STOP", low=1) if row.has("STOP") else None,
+        floor=row.flag("FLOOR", default=False),
+    )
+
+
+def _limited(row: Row, column: str) -> bool:
+    """Whether the cell is a limit: it is none where it is empty, -1, infinite or very large."""
+    return _given(row, column) and not row.unlimited(column) and row.number(column) < NONE
 
 
 def _profit(row: Row) -> float | None:
@@ -115,7 +147,7 @@ def bin_types(
     if not table.lines:
         raise fault(table.header, "no bins below the header: give at least one")
     _say_cut(read, reading)
-    bins = []
+    bins, most = [], "MAXIMUM_ITEMS"
     for row in table.rows():
         size = _size(row, dimension, reading.packingsolver, _end(row, dimension, reading))
         if factor != 1:
@@ -130,6 +162,7 @@ def bin_types(
                 limit,
                 row.text(*NAMES),
                 f"row {row.row} of {Path(table.source).name}",
+                BinLimits(row.whole(most, low=1)) if _limited(row, most) else BinLimits(),
             )
         )
     return tuple(bins)

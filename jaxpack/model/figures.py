@@ -42,8 +42,11 @@ def levelled(job: Job, plan: Plan) -> Job:
     sizes = [heights.get(number, kind.size) for number, kind in enumerate(job.bins)]
     if sizes == [kind.size for kind in job.bins]:
         return job
-    kinds = zip(job.bins, sizes, strict=True)
-    return replace(job, bins=tuple(replace(kind, size=size) for kind, size in kinds))
+    kinds = (
+        replace(kind, size=size, limits=kind.limits.within(size))
+        for kind, size in zip(job.bins, sizes, strict=True)
+    )
+    return replace(job, bins=tuple(kinds))
 
 
 def fill(job: Job, packed: PackedBin) -> float:

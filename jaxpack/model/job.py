@@ -21,13 +21,12 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
-from jaxpack.model.limits import BinLimits, ItemLimits
-from jaxpack.model.numbers import as_cost, as_profit, as_size, as_weight, as_whole, fault, show
+from jaxpack.model.limits import BinLimits, ItemLimits, checked_limit, checked_weight
+from jaxpack.model.numbers import as_cost, as_profit, as_size, as_whole, fault, show
 
 FINEST = 2**30
 """A side of a bin has at most so many units: far edges of items then fit int32."""
 MOST_ITEMS = 100_000  # copies of a job's items, all together
-WEIGHT_DECIMALS = 9  # whole numbers of these fit int64, up to the largest weight
 
 Sides = tuple[float, float, float]
 
@@ -165,12 +164,16 @@ class Job:
         return (0, 2) if self.dimension == 2 else (0, 1, 2)
 
     def lengths(self) -> Iterator[float]:
-        """The sides of all items and bins, but heights that are open."""
+        """The sides of all items and bins, but heights that are open, and those of obstacles."""
         for size in (*(item.size for item in self.items), *(kind.size for kind in self.bins)):
             x, y, z = size
             yield from (x, y) if self.dimension == 3 else (x,)
             if z < math.inf:
                 yield z
+        for kind in self.bins:
+            for n, length in enumerate(kind.limits.lengths()):
+                if n % 3 in self.axes and length:
+                    yield length
 
     @property
     def pile(self) -> float:
@@ -246,9 +249,10 @@ def _checked_item(number: int, item: ItemType, dimension: int) -> ItemType:
         item,
         size=_checked_sides(where, item.size, dimension),
         copies=as_whole(item.copies, f"{where}, copies", low=0),
-        weight=_checked_weight(f"{where}, weight", item.weight),
+        weight=checked_weight(f"{where}, weight", item.weight),
         profit=None if item.profit is None else clean(as_profit(item.profit, f"{where}, profit")),
         orientations=tuple(dict.fromkeys(ways)),
+        limits=_checked_limits(where, item.limits, ItemLimits),
     )
 
 
@@ -262,13 +266,14 @@ def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
     where = kind.where or f"bin {number}"
     _check_name(where, kind.name)
     where += f" ({kind.name})" if kind.name else ""
-    cost, most = kind.cost, kind.max_weight
+    cost, size = kind.cost, _checked_sides(where, kind.size, dimension, may_be_open=True)
     known[dimension] = replace(
         kind,
-        size=_checked_sides(where, kind.size, dimension, may_be_open=True),
+        size=size,
         cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
-        max_weight=math.inf if _unlimited(most) else _checked_weight(f"{where}, max_weight", most),
+        max_weight=checked_limit(f"{where}, max_weight", kind.max_weight),
+        limits=_checked_limits(where, kind.limits, BinLimits, size, dimension),
     )
     return known[dimension]
 
@@ -278,14 +283,20 @@ def _check_name(where: str, name: object) -> None:
         raise fault(where, f"name {show(name)} is no text")
 
 
-def _unlimited(most: object) -> bool:
-    return isinstance(most, float) and most == math.inf
+Limits = TypeVar("Limits", ItemLimits, BinLimits)
+
+
+def _checked_limits(where: str, limits: Limits, known: type[Limits], *how: Any) -> Limits:
+    if not isinstance(limits, known):
+        raise fault(where, f"limits {show(limits)}", f"give {known.__name__}")
+    return limits if limits == known() else limits.checked(where, *how)
 
 
 def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool = False) -> Sides:
     if not isinstance(sides, tuple | list) or len(sides) != 3:
         raise fault(where, f"size {show(sides)}", "give three sides, along x, y and z")
-    what, given = f"{where}, size", sides[:2] if may_be_open and _unlimited(sides[2]) else sides
+    is_open = may_be_open and isinstance(sides[2], float) and sides[2] == math.inf
+    what, given = f"{where}, size", sides[:2] if is_open else sides
     x, y, *end = [clean(as_size(side, what)) for side in given]
     z = end[0] if end else math.inf
     if dimension == 2 and y != 1:
@@ -293,14 +304,10 @@ def _checked_sides(where: str, sides: Sides, dimension: int, may_be_open: bool =
     return x, y, z
 
 
-def _checked_weight(where: str, weight: float) -> float:
-    weight = clean(as_weight(weight, where))
-    fine = not weight.is_integer() and decimals([weight]) > WEIGHT_DECIMALS
-    return cut(weight, WEIGHT_DECIMALS) if fine else weight
-
-
 def _cut_sides(entry: Entry, places: int) -> Entry:
     x, y, z = (cut(side, places) if side < math.inf else side for side in entry.size)
+    if isinstance(entry, BinType) and entry.limits.obstacles:
+        return replace(entry, size=(x, y, z), limits=entry.limits.within((x, y, z), places))
     return replace(entry, size=(x, y, z))
 
 

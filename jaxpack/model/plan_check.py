@@ -15,7 +15,8 @@ import numpy as np
 
 from jaxpack.model.box_check import RANK, Boxes, Rule, misplaced
 from jaxpack.model.exact import DIGITS, exact
-from jaxpack.model.job import ORIENTATIONS, WEIGHT_DECIMALS, Job, Placement, Plan
+from jaxpack.model.job import ORIENTATIONS, Job, Placement, Plan
+from jaxpack.model.limits import WEIGHT_DECIMALS
 from jaxpack.model.numbers import show
 from jaxpack.model.rules import Rules
 from jaxpack.model.stability_check import Tipping, off_centre, unbalanced
