@@ -217,7 +217,11 @@ def checked_options(
     limit = None if limit is None else as_number(limit, called("time_limit"))
     most = None if most is None else as_whole(most, called("packings"), 1)
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
-    rules = options.rules.checked(called)
+    rules = options.rules.checked(called, job.dimension)
+    for name in ("gap", "overhang"):
+        if (length := getattr(rules, name)) and not fine_enough(job, length):
+            what = "too many digits beside those of the sizes: give a rounder length"
+            raise UserError(f"{called(name)} {length:g}: {what}")
     unit = options.resolution
     if limit is not None and limit <= 0:
         raise UserError(f"{called('time_limit')} {limit:g}: give seconds, more than 0")
@@ -227,7 +231,7 @@ def checked_options(
         if not 0 < unit <= shortest:
             what = f"give more than 0, at most {shortest:g}, a bin's shortest side"
             raise UserError(f"{called('resolution')} {unit:g}: {what}")
-        if not fine_enough(job, unit):
+        if not fine_enough(job, unit, *filter(None, (rules.gap, rules.overhang))):
             what = "too many digits beside those of the sizes: give a rounder length"
             raise UserError(f"{called('resolution')} {unit:g}: {what}")
     return replace(

@@ -81,7 +81,7 @@ def load_job(
     """
     objective = objective_of(job)
     job = objective.prepared(job)
-    units = units_of(job, resolution)
+    units = units_of(job, resolution, rules)
     ways = fitting_ways(job)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]

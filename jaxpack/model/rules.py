@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from jaxpack.errors import UserError
-from jaxpack.model.exact import exact
-from jaxpack.model.numbers import as_number
+from jaxpack.model.exact import clean, exact
+from jaxpack.model.numbers import LONGEST, as_number
 
 STABILITIES = ("share", "centre", "static")
+DOORS = ("", "x")
 MARGIN = 64
 """An item is carried beyond its centre, on all sides, by 1/64 of its length and of its width."""
 
@@ -68,21 +70,58 @@ class Rules:
         part, whole = self._share
         return -(-area * part // whole) if self.inclusive else min(area * part // whole + 1, area)
 
-    def checked(self, called: Callable[[str], str] = lambda name: name) -> "Rules":
+    def checked(
+        self, called: Callable[[str], str] = lambda name: name, dimension: int = 3
+    ) -> "Rules":
         """The same, if every one is of its type and in its range; `rule` is not looked at.
 
         Args:
             called: what messages call a rule of that name.
+            dimension: of the job.
 
         Raises:
             UserError: naming the rule.
         """
-        if not isinstance(self.inclusive, bool | np.bool_):
-            raise UserError(f"{called('inclusive')} {self.inclusive!r}: give True or False")
+        for name in ("inclusive", "heavy_below"):
+            if not isinstance(given := getattr(self, name), bool | np.bool_):
+                raise UserError(f"{called(name)} {given!r}: give True or False")
         support = as_number(self.support, called("support"))
         if not 0 <= support <= 1:
             raise UserError(f"{called('support')} {support:g}: give a share of the base, 0 to 1")
         if self.stability not in STABILITIES:
             known = ", ".join(STABILITIES)
             raise UserError(f"{called('stability')} {self.stability!r} is not known: use {known}")
-        return replace(self, support=support)
+        if self.door not in DOORS:
+            what = "is not known: use x, or none for items that come from above"
+            raise UserError(f"{called('door')} {self.door!r} {what}")
+        if self.door and dimension == 2:
+            raise UserError(
+                f"{called('door')} {self.door}: in 2D items come from above: leave it out"
+            )
+        gap, overhang = (self._length(name, called(name)) for name in ("gap", "overhang"))
+        balance = self.balance
+        if balance is not None:
+            balance = as_number(balance, called("balance"))
+            if not 0 < balance <= 1:
+                what = "give a share of the floor, more than 0, up to 1"
+                raise UserError(f"{called('balance')} {balance:g}: {what}")
+        return replace(self, support=support, balance=balance, gap=gap, overhang=overhang)
+
+    def _length(self, name: str, called: str) -> float:
+        length = clean(as_number(getattr(self, name), called))
+        if not 0 <= length <= LONGEST:
+            raise UserError(f"{called} {length:g}: give a length, 0 or more")
+        return length
+
+    @property
+    def lengths(self) -> tuple[Fraction, ...]:
+        """Those that are not 0, of which positions have to be multiples too."""
+        return tuple(exact(length) for length in (self.gap, self.overhang) if length)
+
+    def spacing(self, dimension: int) -> tuple[float, float, float]:
+        """The gap along x, y and z."""
+        return (self.gap, 0, self.gap) if dimension == 2 else (self.gap, self.gap, 0)
+
+    def reach(self, dimension: int) -> tuple[float, float, float]:
+        """How far items may be outside of a bin along x, y and z, at either end."""
+        return (self.overhang, 0 if dimension == 2 else self.overhang, 0)

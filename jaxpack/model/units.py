@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxpack.model.exact import exact
 from jaxpack.model.job import FINEST, Job
+from jaxpack.model.rules import Rules
 
 
 @dataclass(frozen=True)
@@ -20,28 +21,26 @@ class Units:
     step: int = 1  # positions along x and y are multiples of so many units
 
 
-def units_of(job: Job, resolution: float | None = None) -> Units:
-    """The coarsest units in which every size and every weight is whole.
+def units_of(job: Job, resolution: float | None = None, rules: Rules = Rules()) -> Units:
+    """The coarsest units in which every size and every weight is whole, and gap and overhang too.
 
     Args:
         job: what is packed.
         resolution: the length of which positions are to be multiples; any position if not given.
-            It must be `fine_enough`.
+        rules: they and the resolution must be `fine_enough`.
     """
     weights = [exact(item.weight) for item in job.items if item.weight]
     limits = [exact(bin.max_weight) for bin in job.bins if 0 < bin.max_weight < math.inf]
     weight = common(weights + limits) if weights or limits else Fraction(1)
-    if resolution is None:
-        return Units(job.unit, weight)
-    grid = exact(resolution)
-    length = common([job.unit, grid])
-    return Units(length, weight, int(grid / length))
+    grid = () if resolution is None else (exact(resolution),)
+    length = common([job.unit, *rules.lengths, *grid])
+    return Units(length, weight, int(grid[0] / length) if grid else 1)
 
 
-def fine_enough(job: Job, resolution: float) -> bool:
-    """Whether the positions of that grid are whole numbers that the kernel takes."""
+def fine_enough(job: Job, *lengths: float) -> bool:
+    """Whether multiples of these lengths too are whole numbers of units that the kernel takes."""
     longest = max(exact(side) for bin in job.bins for side in bin.size)
-    return longest / common([job.unit, exact(resolution)]) <= FINEST
+    return longest / common([job.unit, *map(exact, lengths)]) <= FINEST
 
 
 def in_units(values: Iterable[float], unit: Fraction) -> np.ndarray:

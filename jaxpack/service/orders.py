@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from http import HTTPStatus
 from typing import Annotated, Any, TypeVar
 
@@ -47,6 +47,9 @@ class _Given(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
+RULES = {field.name for field in fields(Rules)}
+
+
 class Options(_Given):
     """How to pack."""
 
@@ -59,6 +62,17 @@ class Options(_Given):
         default=Rules.support, description="share of a base of which more has to be carried"
     )
     stability: str = Field(default=Rules.stability, description="share, centre or static")
+    gap: float = Field(default=Rules.gap, description="between items beside each other")
+    overhang: float = Field(
+        default=Rules.overhang, description="how far items may reach out over the floor"
+    )
+    door: str = Field(default=Rules.door, description="x: items come in along x, not from above")
+    balance: float | None = Field(
+        default=Rules.balance, description="middle share of the floor for the centre of mass"
+    )
+    heavy_below: bool = Field(
+        default=Rules.heavy_below, description="no item may lie on a lighter one"
+    )
     objective: str = Field(default="", description="bins, price, value or height")
     skip_unfit: bool = Field(default=False, description="leave out what no bin can hold")
 
@@ -172,7 +186,7 @@ def _read(order: Order, limits: Limits) -> Asked:
         how = SolveOptions(
             options.time_limit,
             options.seed,
-            Rules(options.support, stability=options.stability),
+            Rules(**options.model_dump(include=RULES)),
             skip_unfit=options.skip_unfit,
             packings=options.packings,
         )
