@@ -3,9 +3,10 @@
 It shares nothing with what packs: it knows no height map and compares the boxes of a bin as boxes,
 in whole numbers, exactly. A box is lowered straight onto its place when its turn comes, so that no
 box that was loaded earlier, and shares a part of its footprint, may reach higher than its bottom.
+Or it comes in through a door, along x, and none that was loaded earlier may stand on its way.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from fractions import Fraction
 from typing import NamedTuple
@@ -27,11 +28,23 @@ class Rule(StrEnum):
     WEIGHT = "weight"  # over the limit of the bin
     OUTSIDE = "outside"  # of the bin
     OVERLAP = "overlap"  # with an item that was loaded earlier
-    BLOCKED = "blocked"  # from above, by an item that was loaded earlier
+    GAP = "gap"  # too near to an item that was loaded earlier
+    BLOCKED = "blocked"  # from above or from the door, by an item that was loaded earlier
     FLOATING = "floating"  # on nothing at all
     SUPPORT = "support"  # on too little
     CENTRE = "centre"  # not over what carries it
     STATIC = "static"  # its stack is not in equilibrium
+    ON_FLOOR = "on floor"  # it is not, but has to be
+    STACKABLE = "stackable"  # it lies on an item that nothing may lie on
+    STACK_ID = "stack id"  # it lies on an item of another one
+    HEAVY_BELOW = "heavy below"  # it lies on a lighter item
+    STACK = "stack"  # more items are over and under it than may be
+    WEIGHT_ABOVE = "weight above"  # more rests on it than may
+    STOP = "stop"  # an item that is unloaded later is in its way
+    ITEMS = "items"  # more in a bin than may be
+    APART = "apart"  # from an item in the same bin
+    BALANCE = "balance"  # the centre of mass is too far from the middle of the floor
+    GROUP = "group"  # in several bins, and fits one
 
 
 RANK = {rule: rank for rank, rule in enumerate(Rule)}
@@ -51,13 +64,19 @@ class Finding(NamedTuple):
 
     rule: Rule
     row: int
-    other: int = -1  # the row that it meets; of FLOATING the highest below it, -1 is the floor
+    other: int = -1  # the row that it meets; of FLOATING the highest under it, -1 is the floor
     axis: int = 2  # of OUTSIDE; the others are about z
     share: Fraction = Fraction(0)  # of its base that is supported
 
 
-def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Finding]:
-    """The rules from OUTSIDE to SUPPORT that are broken, by rule.
+def misplaced(
+    boxes: Boxes,
+    support: Fraction,
+    inclusive: bool,
+    reach: Sequence[int] = (0, 0, 0),
+    door: bool = False,
+) -> Iterator[Finding]:
+    """The rules from OUTSIDE to SUPPORT that are broken but GAP, by rule.
 
     Of a box that meets several earlier ones only the one that was loaded first is named. Whether
     it is supported is looked at only if nothing is in its way.
@@ -67,27 +86,32 @@ def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Find
         support: share of a box's base that has to lie on boxes that were loaded earlier and end
             where it begins, or on the floor. With 0 any touch is enough.
         inclusive: exactly that share is enough; otherwise it has to be more, or all of it.
+        reach: how far boxes may be outside along x, y and z. The floor ends where the bin does.
+        door: whether boxes come in along x, from beyond the far end, and not from above.
     """
     if not len(boxes.bin):
         return
-    outside = (boxes.low < 0) | (boxes.high > boxes.room)
+    outside = (boxes.low < -np.array(reach)) | (boxes.high > boxes.room + np.array(reach))
     for row, axis in np.argwhere(outside.astype(bool)).tolist():
         yield Finding(Rule.OUTSIDE, row, axis=axis)
 
     ranked = Ranked(boxes)
     every = np.arange(len(boxes.bin))
-    obstructed = ranked.earliest(every, [(ranked.bottom, ranked.top)]) >= 0
-    blamed = every[obstructed]
-    into = ranked.earliest(blamed, [(ranked.bottom, ranked.top), (-ranked.top, -ranked.bottom)])
-    for rule, others in (
-        (Rule.OVERLAP, into),
-        (Rule.BLOCKED, ranked.earliest(blamed, [(ranked.top - 1, ranked.bottom)])),
-    ):
+    if not door:
+        every = every[ranked.first(every, [*ranked.plane, (ranked.bottom, ranked.top)]) >= 0]
+    into = ranked.first(every, [*ranked.plane, *ranked.level])
+    way = ranked.beyond if door else [*ranked.plane, (ranked.top - 1, ranked.bottom)]
+    for rule, others in ((Rule.OVERLAP, into), (Rule.BLOCKED, ranked.first(every, way))):
         met = others >= 0
-        for row, other in zip(blamed[met].tolist(), others[met].tolist(), strict=True):
+        for row, other in zip(every[met].tolist(), others[met].tolist(), strict=True):
             yield Finding(rule, row, other)
 
-    lifted = np.flatnonzero(~obstructed & (boxes.low[:, 2] > 0).astype(bool))
+    bottom = boxes.low[:, 2]
+    resting = (bottom > 0).astype(bool)
+    if any(reach):
+        resting |= _over_edges(boxes) & (bottom == 0).astype(bool)
+    resting[every[into >= 0] if door else every] = False
+    lifted = np.flatnonzero(resting)
     area, base = _supported(boxes, ranked, lifted)
     floating = area == 0
     for row, other in zip(
@@ -100,18 +124,29 @@ def misplaced(boxes: Boxes, support: Fraction, inclusive: bool) -> Iterator[Find
             yield Finding(Rule.SUPPORT, int(lifted[at]), share=share)
 
 
+def _over_edges(boxes: Boxes) -> np.ndarray:
+    """Which boxes reach out over the floor, seen from above."""
+    over = (boxes.low < 0) | (boxes.high > boxes.room)
+    return np.asarray(over[:, :2].astype(bool).any(axis=1))
+
+
 def _supported(boxes: Boxes, ranked: "Ranked", rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(area of their bases that lies on others, area of their bases) of these rows."""
-    low, high = boxes.low[:, :2], boxes.high[:, :2]
+    """(area of their bases that lies on others or the floor, area of their bases) of these rows."""
+    low, high, room = boxes.low[:, :2], boxes.high[:, :2], boxes.room[:, :2]
     reach = max((int(abs(ends).max()) for ends in (low, high)), default=0)
     if len(low) * (2 * reach) ** 2 >= 2**62:  # sums of areas beyond 64 bits
-        low, high = low.astype(object), high.astype(object)
+        low, high, room = (leaf.astype(object) for leaf in (low, high, room))
     sides = high[rows] - low[rows]
-    area = np.zeros(len(rows), low.dtype)
+    on_floor = np.maximum(np.minimum(high[rows], room[rows]) - np.maximum(low[rows], 0), 0)
+    area = on_floor[:, 0] * on_floor[:, 1] * (boxes.low[rows, 2] == 0)
     for of, under in ranked.touching(rows):
         shared = np.minimum(high[rows[of]], high[under]) - np.maximum(low[rows[of]], low[under])
         np.add.at(area, of, shared[:, 0] * shared[:, 1])
     return area, sides[:, 0] * sides[:, 1]
+
+
+Limit = tuple[np.ndarray, np.ndarray]
+"""(a, b): of a row i it is asked that a[i] < b[j] for a row j."""
 
 
 class Ranked:
@@ -127,34 +162,47 @@ class Ranked:
         start = boxes.bin.astype(np.int64) * (int(x_high.max()) + 1)
         x_low, x_high = _ranks(np.array([start + x_low, start + x_high]))
         self.bottom, self.top = bottom, top
-        turn = np.arange(len(bottom), dtype=np.int32)
-        # Less in all of these: earlier, and with a part of the footprint in common.
-        self.earlier = -turn
-        self.asked = [-turn, x_low, -x_high, y_low, -y_high]
-        self.given = [-turn, x_high, -x_low, y_high, -y_low]
+        self.turn = np.arange(len(bottom), dtype=np.int32)
+        bin = _ranks(boxes.bin)
+        across: list[Limit] = [(y_low, y_high), (-y_high, -y_low)]
+        self.plane: list[Limit] = [(x_low, x_high), (-x_high, -x_low), *across]
+        """That two share a part of their footprints."""
+        self.level: list[Limit] = [(bottom, top), (-top, -bottom)]
+        """That there is a height at which both are."""
+        self.beyond: list[Limit] = [
+            *((bin - 1, bin), (-bin - 1, -bin), (x_high - 1, x_low)),
+            *(*across, *self.level),
+        ]
+        """That j stands where i comes through on its way along x, from the far end."""
 
-    def earliest(self, rows: np.ndarray, limits: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """The first loaded j over or under each row i with a[i] < b[j] for all limits (a, b).
+    def first(self, rows: np.ndarray, limits: list[Limit], earlier: bool = True) -> np.ndarray:
+        """The first loaded j, only of those that were loaded earlier, that keeps all limits.
 
         -1 where there is none.
         """
-        below, above = ([*ends] for ends in zip(*limits, strict=True))
-        return self._best(rows, [*self.asked, *below], [*self.given, *above])
+        least = self.turn if earlier else np.full_like(self.turn, len(self.turn))
+        return self._best(rows, [(-least, -self.turn), *limits])
 
     def highest_below(self, rows: np.ndarray) -> np.ndarray:
-        """Of what was loaded earlier, of rows with nothing in their way; -1 is the floor."""
-        floor = np.full_like(self.bottom, -1)
-        return self._best(rows, [floor, *self.asked], [self.top, *self.given])
+        """Of what was loaded earlier and ends under these rows; -1 is the floor."""
+        floor, earlier = np.full_like(self.bottom, -1), (-self.turn, -self.turn)
+        under = -self.bottom - 1, -self.top
+        return self._best(rows, [(floor, self.top), earlier, *self.plane, under])
 
-    def touching(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def touching(
+        self, rows: np.ndarray, earlier: bool = True
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """(places in `rows`, what lies directly under them) in blocks."""
-        asked = np.array([*self.asked, self.bottom - 1, -self.bottom - 1])[:, rows]
-        tree = tree_of(np.array([*self.given, self.top, -self.top]), self.order)
-        return pairs(asked, tree)
+        limits = [*self.plane, (self.bottom - 1, self.top), (-self.bottom - 1, -self.top)]
+        if earlier:
+            limits.append((-self.turn, -self.turn))
+        asked, given = zip(*limits, strict=True)
+        return pairs(np.array(asked)[:, rows], tree_of(np.array(given), self.order))
 
-    def _best(self, rows: np.ndarray, asked: list, given: list) -> np.ndarray:
+    def _best(self, rows: np.ndarray, limits: list[Limit]) -> np.ndarray:
         if not len(rows):
             return rows
+        asked, given = zip(*limits, strict=True)
         return best(np.array(asked)[:, rows], tree_of(np.array(given), self.order), 0)
 
 

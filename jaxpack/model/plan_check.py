@@ -1,7 +1,8 @@
 """Is a plan possible? An independent check in the user's own units.
 
-It shares no code with what makes plans; `jaxpack.model.box_check` has the geometry. A job is exact,
-and so is what is asked of a plan: nothing is forgiven but the noise of floats.
+It shares no code with what makes plans; `jaxpack.model.box_check` has the geometry,
+`jaxpack.model.rule_check` the rules of loads. A job is exact, and so is what is asked of a plan:
+nothing is forgiven but the noise of floats.
 """
 
 import math
@@ -14,15 +15,16 @@ from numbers import Integral, Real
 import numpy as np
 
 from jaxpack.model.box_check import RANK, Boxes, Rule, misplaced
-from jaxpack.model.exact import DIGITS, exact
-from jaxpack.model.job import ORIENTATIONS, Job, Placement, Plan
+from jaxpack.model.exact import exact
+from jaxpack.model.job import ORIENTATIONS, Job, Plan
 from jaxpack.model.limits import WEIGHT_DECIMALS
 from jaxpack.model.numbers import show
+from jaxpack.model.plan_boxes import laid_out
+from jaxpack.model.rule_check import rule_violations
 from jaxpack.model.rules import Rules
-from jaxpack.model.stability_check import Tipping, off_centre, unbalanced
+from jaxpack.model.tipping import tipping_violations
 from jaxpack.model.violations import Violation, sentence
 
-NOISE = 1e-12  # of the longest side of a bin: a position that misses a unit by less is on it
 SHOWN = 5  # violations in one message
 
 
@@ -59,7 +61,7 @@ def plan_violations(job: Job, plan: Plan, rules: Rules = Rules()) -> Iterator[Vi
     Raises:
         UserError: a rule is none, such as a support that is not from 0 to 1.
     """
-    rules = rules.checked()
+    rules = rules.checked(dimension=job.dimension)
     found = list(_unknown(job, plan))
     if not found:
         found += _miscounted(job, plan)
@@ -169,29 +171,35 @@ def _misturned(job: Job, plan: Plan) -> Iterator[Violation]:
 
 def _misplaced(job: Job, plan: Plan, rules: Rules) -> Iterator[Violation]:
     """What the boxes tell."""
-    puts = [put for packed in plan.bins for put in packed.placements]
-    if not puts:
+    if not any(packed.placements for packed in plan.bins):
         return
-    loads = [len(packed.placements) for packed in plan.bins]
-    number = np.repeat(np.arange(len(loads)), loads)
-    turn = np.arange(len(puts)) - np.repeat(np.cumsum(loads) - loads, loads)
-    boxes, units = _boxes(job, plan, puts, number)
+    laid = laid_out(job, plan, rules)
+    boxes, carrying, units = laid.boxes, laid.carrying, laid.units
     share, inclusive = exact(rules.support), rules.inclusive
 
     def length(leaf: np.ndarray, row: int, axis: int) -> Fraction:
         return int(leaf[row, axis]) * units[axis]
 
     astray = set()
-    for rule, row, other, axis, held in misplaced(boxes, share, inclusive):
+    found_ones = misplaced(carrying, share, inclusive, laid.reach, bool(rules.door))
+    for rule, row, other, axis, held in found_ones:
+        item = int(laid.item[row])
+        apart = rule is Rule.OVERLAP and not _overlap(boxes, row, other)
+        if item < 0 or (apart and boxes.low[other, 2] < boxes.high[row, 2]):
+            continue  # an obstacle; or too near only, which is said elsewhere
+        if apart:
+            rule = Rule.BLOCKED
         if rule in (Rule.OVERLAP, Rule.BLOCKED, Rule.FLOATING):
             astray.add(row)
-        at = int(turn[other]) if rule in (Rule.OVERLAP, Rule.BLOCKED) else None
+        at = int(laid.turn[other]) if rule in (Rule.OVERLAP, Rule.BLOCKED) else None
         what: str | None = None
         found, allowed = length(boxes.low, row, axis), Fraction(0)
         if rule is Rule.OUTSIDE:
-            what = "xyz"[axis]
-            if found >= 0:
-                found, allowed = length(boxes.high, row, axis), length(boxes.room, row, axis)
+            what, reach = "xyz"[axis], laid.reach[axis] * units[axis]
+            found, allowed = found, -reach
+            if found >= -reach:
+                found = length(boxes.high, row, axis)
+                allowed = length(boxes.room, row, axis) + reach
         elif rule is Rule.OVERLAP:  # out along the axis on which that takes least
             depths = {
                 "xyz"[axis]: min(
@@ -205,80 +213,19 @@ def _misplaced(job: Job, plan: Plan, rules: Rules) -> Iterator[Violation]:
         elif rule is Rule.SUPPORT:
             what = "at least" if inclusive or share == 1 else "more than"
             found, allowed = held, share
+        elif rule is Rule.BLOCKED and rules.door:
+            what = "x"
+            found, allowed = length(boxes.high, row, 0), length(boxes.low, other, 0)
         elif other >= 0:  # BLOCKED by it, or FLOATING over it
-            allowed = max(length(boxes.high, other, axis), Fraction(0))
-        amount = float(abs(found - allowed))
-        item, figures = int(puts[row].item), (float(found), float(allowed), amount)
-        yield Violation(rule, int(number[row]), item, int(turn[row]), at, what, *figures)
-
-    for row, axis, missing in _tipping(job, puts, boxes, rules.stability):
-        if row in astray:
-            continue
-        rule, over = Rule(rules.stability), missing
-        if rule is Rule.CENTRE:
-            over *= float(length(boxes.high, row, axis) - length(boxes.low, row, axis))
-        where = Violation(rule, int(number[row]), int(puts[row].item), int(turn[row]))
-        yield where._replace(what="xyz"[axis], amount=over) if math.isfinite(over) else where
+            allowed = max(length(carrying.high, other, axis), Fraction(0))
+        figures = float(found), float(allowed), float(abs(found - allowed))
+        bin, turn = int(boxes.bin[row]), int(laid.turn[row])
+        yield Violation(rule, bin, item, turn, at, what, *figures)
+    if job.limited or not rules.plain:
+        yield from rule_violations(job, plan, rules, laid)
+    yield from tipping_violations(job, rules, laid, astray)
 
 
-def _tipping(job: Job, puts: list[Placement], boxes: Boxes, stability: str) -> Iterator[Tipping]:
-    """What does not stand; items without weights weigh what their volume is."""
-    if stability == "centre":
-        yield from off_centre(boxes)
-    elif stability == "static":
-        weights = np.array([job.items[put.item].weight for put in puts])
-        if not any(item.weight for item in job.items):
-            weights = (boxes.high - boxes.low).astype(float).prod(1)
-        yield from unbalanced(boxes, weights)
-
-
-def _boxes(
-    job: Job, plan: Plan, puts: list[Placement], number: np.ndarray
-) -> tuple[Boxes, list[Fraction]]:
-    """The items as they lie, and the length of their whole numbers' unit along every axis."""
-    room = np.array([job.room(packed) for packed in plan.bins])[number]
-    corner = np.array([put.corner for put in puts], float)
-    extent = np.array([job.items[put.item].turned(put.orientation) for put in puts])
-    longest = room[:, list(job.axes)].max(axis=1)
-    # The width of what is flat is 1, whatever the unit of the others.
-    units = [job.unit if axis in job.axes else Fraction(1) for axis in range(3)]
-    low, size, far = _whole(np.array([corner, extent, room]), units, longest)
-    return Boxes(number, low, low + size, far), units
-
-
-def _whole(lengths: np.ndarray, units: list[Fraction], longest: np.ndarray) -> np.ndarray:
-    """Whole numbers: int64, or Python's numbers where these are too large.
-
-    Args:
-        lengths: finite [k, n, axes].
-        units: of every axis what most of them are multiples of; replaced where one has to be finer.
-        longest: [n], the longest side of the bin.
-    """
-    steps, sides = np.array([float(unit) for unit in units]), longest[:, None]
-    with np.errstate(over="ignore", invalid="ignore"):
-        count = np.rint(lengths / steps)
-        near = (abs(lengths - count * steps) < NOISE * sides) & (abs(count) < 2**50)
-    whole = np.where(near, count, 0).astype(np.int64)
-    for axis in np.flatnonzero(~near.all((0, 1))).tolist():
-        off, unit = ~near[..., axis], units[axis]
-        sides = np.broadcast_to(longest, off.shape)[off].tolist()
-        between = list(zip(lengths[off, axis].tolist(), sides, strict=True))
-        known = {(length, side): _meant(length, unit, side) / unit for length, side in set(between)}
-        finer = math.lcm(*(ratio.denominator for ratio in known.values()))
-        exactly = whole[..., axis].astype(object) * finer
-        exactly[off] = [int(known[key] * finer) for key in between]
-        if abs(exactly).max() >= 2**61:
-            whole = whole.astype(object)
-        whole[..., axis], units[axis] = exactly, unit / finer
-    return whole
-
-
-def _meant(length: float, unit: Fraction, side: float) -> Fraction:
-    """The multiple of the unit that is near, or the decimal up to the side's 13th digit."""
-    exactly = Fraction(length)
-    multiple = round(exactly / unit) * unit
-    if abs(exactly - multiple) < Fraction(side) * Fraction(NOISE):
-        return multiple
-    exponent = int(f"{side:.12e}".split("e")[1])
-    grain = Fraction(10) ** (exponent + 1 - DIGITS)
-    return round(exactly / grain) * grain
+def _overlap(boxes: Boxes, row: int, other: int) -> bool:
+    low, high = boxes.low, boxes.high
+    return bool(((low[row] < high[other]) & (low[other] < high[row])).all())

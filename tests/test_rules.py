@@ -1,0 +1,367 @@
+"""The rules of loads: what the check says of plans that keep them and of plans that just do not."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from job_files import assert_refused
+
+from jaxpack.errors import UserError
+from jaxpack.model.box_check import Rule
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
+from jaxpack.model.plan_check import plan_violations
+from jaxpack.model.rules import Rules
+from jaxpack.model.shelves import fits_one_bin, shelved
+from jaxpack.model.violations import sentence
+
+BIN = BinType((10, 8, 6))
+
+
+def job(*items, bins=(BIN,), dimension=3):
+    """A job of items given as (size, limits, weight)."""
+    types = [
+        ItemType(size, limits=ItemLimits(**limits), weight=weight)
+        for size, limits, weight in (
+            (*item, {}, 0)[:3] if len(item) < 3 else item for item in items
+        )
+    ]
+    return Job(tuple(types), tuple(bins), dimension)
+
+
+def plan(*corners, bin=None):
+    """Item after item where it lies; `bin` says in which bin each is."""
+    bins = [0] * len(corners) if bin is None else bin
+    loads = [
+        PackedBin(0, tuple(Placement(i, "XYZ", c) for i, c in enumerate(corners) if bins[i] == n))
+        for n in range(max(bins) + 1)
+    ]
+    return Plan(tuple(loads))
+
+
+def broken(job, plan, **rules):
+    """(rule, item, amount) of all that is found, each of which can be said."""
+    found = list(plan_violations(job, plan, Rules(**rules)))
+    assert all(sentence(one, job).isprintable() for one in found)
+    return [(one.rule, one.item, one.amount) for one in found]
+
+
+def stack(*limits, weights=None):
+    """Cubes for a column, from the lowest to the highest, and its plan."""
+    weights = weights or [1] * len(limits)
+    cubes = [((2, 2, 1), one, weight) for one, weight in zip(limits, weights, strict=True)]
+    return job(*cubes), plan(*((0, 0, z) for z in range(len(limits))))
+
+
+def test_weight_above():
+    load, column = stack({"weight_above": 5}, {}, {}, weights=[9, 2, 3])
+    assert broken(load, column) == []
+    load, column = stack({"weight_above": 4.9}, {"weight_above": 2}, {}, weights=[9, 2, 3])
+    assert broken(load, column) == [
+        (Rule.WEIGHT_ABOVE, 0, pytest.approx(0.1)),
+        (Rule.WEIGHT_ABOVE, 1, 1),
+    ]
+
+
+def test_weight_is_handed_down_by_area():
+    # A plank of 10 kg, with 2 kg on it: three quarters lie on one block, a quarter on another.
+    load = job(
+        ((3, 2, 1), {"weight_above": 9}, 0),
+        ((1, 2, 1), {"weight_above": 3}, 0),
+        ((4, 2, 1), {}, 10),
+        ((1, 1, 1), {}, 2),
+    )
+    where = plan((0, 0, 0), (3, 0, 0), (0, 0, 1), (0, 0, 2))
+    assert broken(load, where) == []
+    tighter = [replace(i, limits=replace(i.limits, weight_above=w)) for i, w in
+               zip(load.items, (8.99, 2.99, math.inf, math.inf), strict=True)]  # fmt: skip
+    found = broken(replace(load, items=tuple(tighter)), where)
+    assert [one[:2] for one in found] == [(Rule.WEIGHT_ABOVE, 0), (Rule.WEIGHT_ABOVE, 1)]
+
+
+def test_obstacles_carry_their_part():
+    half = BinType((10, 8, 6), limits=BinLimits(obstacles=(Obstacle((0, 0, 0), (1, 2, 1)),)))
+    load = job(((1, 2, 1), {"weight_above": 5}, 0), ((2, 2, 1), {}, 10), bins=(half,))
+    assert broken(load, plan((1, 0, 0), (0, 0, 1))) == []
+
+
+def test_stackable():
+    load, column = stack({}, {"stackable": False}, {})
+    assert broken(load, column) == [(Rule.STACKABLE, 2, None)]
+    assert broken(load, plan((0, 0, 0), (0, 0, 1), (2, 0, 0))) == []
+
+
+def test_stacks_of_few_items():
+    load, column = stack({"most_in_stack": 3}, {}, {"most_in_stack": 3})
+    assert broken(load, column) == []
+    load, column = stack({}, {"most_in_stack": 2}, {})
+    assert broken(load, column) == [(Rule.STACK, 1, 1)]
+    load, column = stack({"most_in_stack": 1}, {}, {})
+    assert broken(load, column) == [(Rule.STACK, 0, 2)]
+
+
+def test_stack_ids():
+    load, column = stack({"stack_id": 3}, {"stack_id": 3}, {})
+    assert broken(load, column) == [(Rule.STACK_ID, 2, None)]
+    assert broken(*stack({"stack_id": 3}, {"stack_id": 3})) == []
+
+
+def test_heavy_below():
+    load, column = stack({}, {}, weights=[1, 1.001])
+    assert broken(load, column) == []
+    assert broken(load, column, heavy_below=True) == [(Rule.HEAVY_BELOW, 1, pytest.approx(0.001))]
+    assert broken(*stack({}, {}, weights=[1, 1]), heavy_below=True) == []
+
+
+def test_on_the_floor():
+    assert broken(*stack({"floor": True}, {})) == []
+    assert broken(*stack({}, {"floor": True})) == [(Rule.ON_FLOOR, 1, 1)]
+
+
+def test_apart_and_groups():
+    load = Job(
+        (ItemType((2, 2, 2), 2, limits=ItemLimits(apart="acid")), ItemType((2, 2, 2))), (BIN,)
+    )
+    near = PackedBin(0, (Placement(0, "XYZ", (0, 0, 0)), Placement(0, "XYZ", (4, 0, 0))))
+    more = PackedBin(0, (Placement(1, "XYZ", (0, 0, 0)),))
+    assert broken(load, Plan((near, more))) == [(Rule.APART, 0, None)]
+    one, other = (PackedBin(0, (put,)) for put in near.placements)
+    assert broken(load, Plan((one, other, more))) == []
+    together = [replace(item, limits=ItemLimits(group="g")) for item in load.items]
+    load = replace(load, items=tuple(together))
+    assert broken(load, Plan((near, more))) == [(Rule.GROUP, None, 1)]
+    large = [replace(item, size=(9, 8, 6)) for item in load.items]  # these fit no bin together
+    puts = [PackedBin(0, (Placement(n, "XYZ", (0, 0, 0)),)) for n in (0, 0, 1)]
+    assert broken(replace(load, items=tuple(large)), Plan(tuple(puts))) == []
+
+
+def test_stops_from_above():
+    load = job(((2, 2, 2), {"stop": 1}, 0), ((2, 2, 2), {"stop": 2}, 0), ((3, 2, 1), {}, 0))
+    assert broken(load, plan((0, 0, 0), (2, 0, 0), (4, 0, 0))) == []
+    # Not on it, but over it.
+    found = broken(load, plan((0, 0, 0), (0, 2, 0), (0, 1, 2)))
+    assert found == [(Rule.STOP, 0, None), (Rule.STOP, 1, None)]
+    swapped = Plan((PackedBin(0, (Placement(1, "XYZ", (0, 0, 0)), Placement(0, "XYZ", (0, 0, 2)),
+                                  Placement(2, "XYZ", (4, 0, 0)))),))  # fmt: skip
+    assert broken(load, swapped) == []
+
+
+def test_through_a_door():
+    load = job(((2, 2, 2), {"stop": 1}, 0), ((2, 2, 2), {"stop": 2}, 0))
+    first_out_last_in = Plan(
+        (PackedBin(0, (Placement(1, "XYZ", (0, 0, 0)), Placement(0, "XYZ", (2, 0, 0)))),)
+    )
+    assert broken(load, first_out_last_in, door="x") == []
+    assert broken(load, plan((0, 0, 0), (2, 0, 0)), door="x") == [(Rule.STOP, 0, None)]
+    assert broken(load, plan((0, 0, 0), (2, 2, 0)), door="x") == []
+    # Loaded behind what stands in the door.
+    load = job(((2, 2, 2),), ((2, 2, 2),))
+    assert broken(load, plan((2, 0, 0), (0, 0, 0)), door="x") == [(Rule.BLOCKED, 1, 0)]
+    assert broken(load, plan((2, 0, 0), (0, 0, 0))) == []
+    # Under a plank that is there already, which has to come from the side.
+    load = job(((4, 2, 1),), ((6, 2, 1),), ((2, 2, 1),))
+    under = plan((0, 0, 0), (0, 0, 1), (4, 0, 0))
+    assert broken(load, under, door="x") == []
+    assert broken(load, under) == [(Rule.BLOCKED, 2, 2)]
+
+
+def test_gap_in_3d():
+    load = job(((2, 2, 2),), ((2, 2, 2),), ((2, 2, 2),))
+    assert broken(load, plan((0, 0, 0), (2.5, 0, 0), (0, 0, 2)), gap=0.5) == []
+    assert broken(load, plan((0, 0, 0), (2.4, 0, 0), (0, 0, 2)), gap=0.5) == [
+        (Rule.GAP, 1, pytest.approx(0.1))
+    ]
+    assert broken(load, plan((0, 0, 0), (2.4, 2.5, 0), (6, 0, 0)), gap=0.5) == []
+    found = broken(load, plan((0, 0, 0), (2.4, 2.4, 0), (6, 0, 0)), gap=0.5)
+    assert found == [(Rule.GAP, 1, pytest.approx(0.1))]
+    # One that overlaps is said to overlap.
+    assert broken(load, plan((0, 0, 0), (1, 0, 0), (6, 0, 0)), gap=0.5) == [(Rule.OVERLAP, 1, 1)]
+
+
+def test_gap_in_2d():
+    load = job(((4, 1, 2),), ((4, 1, 2),), bins=(BinType((10, 1, 6)),), dimension=2)
+    assert broken(load, plan((0, 0, 0), (0, 0, 2.1)), gap=0.1) == []
+    assert broken(load, plan((0, 0, 0), (0, 0, 2)), gap=0.1) == [(Rule.GAP, 1, 0.1)]
+    assert [r for r, *_ in broken(load, plan((0, 0, 0), (0, 0, 2.2)), gap=0.1)] == [Rule.FLOATING]
+    assert broken(load, plan((0, 0, 0), (4.1, 0, 0)), gap=0.1) == []
+    assert broken(load, plan((0, 0, 0), (4.05, 0, 0)), gap=0.1) == [
+        (Rule.GAP, 1, pytest.approx(0.05))
+    ]
+    # What is over it within the gap is over it.
+    lower = Plan(
+        (PackedBin(0, (Placement(0, "XYZ", (0, 0, 2.05)), Placement(1, "XYZ", (0, 0, 0)))),)
+    )
+    assert (Rule.BLOCKED, 1, pytest.approx(4.15)) in broken(load, lower, gap=0.1)
+
+
+def test_overhang():
+    load = job(((4, 4, 2),))
+    for at in ((-1, -1, 0), (7, 5, 0)):
+        assert broken(load, plan(at), overhang=1) == []
+        assert [rule for rule, *_ in broken(load, plan(at))] == [Rule.OUTSIDE, Rule.OUTSIDE]
+    assert broken(load, plan((-1.1, 0, 0)), overhang=1) == [(Rule.OUTSIDE, 0, pytest.approx(0.1))]
+    # Half of the base is not over the floor.
+    assert broken(load, plan((-2, 0, 0)), overhang=2) == [(Rule.SUPPORT, 0, 0)]
+    assert broken(load, plan((-2, 0, 0)), overhang=2, inclusive=True) == []
+    assert broken(load, plan((-4, 0, 0)), overhang=4, support=0) == [(Rule.FLOATING, 0, 0)]
+    flat = job(((4, 1, 2),), bins=(BinType((10, 1, 6)),), dimension=2)
+    assert broken(flat, plan((-1, 0, 0)), overhang=1) == []
+    assert broken(flat, plan((0, -1, 0)), overhang=1)[0] == (Rule.OUTSIDE, 0, 1)
+
+
+def test_balance():
+    load = job(((2, 2, 2), {}, 3), ((2, 2, 2), {}, 1))
+    # The centre of mass is at 3 of 10 along x, and in the middle along y.
+    where = plan((1, 3, 0), (5, 3, 0))
+    assert broken(load, where, balance=0.4) == []
+    assert broken(load, where, balance=0.39) == [(Rule.BALANCE, None, pytest.approx(0.05))]
+    light = job(((2, 2, 2),), ((2, 2, 2),))  # nothing weighs anything: volumes count
+    assert broken(light, plan((1, 3, 0), (7, 3, 0)), balance=0.01) == []
+
+
+def test_bins_with_few_items():
+    few = BinType((10, 8, 6), limits=BinLimits(most_items=1))
+    load = job(((2, 2, 2),), ((2, 2, 2),), bins=(few,))
+    assert broken(load, plan((0, 0, 0), (2, 0, 0))) == [(Rule.ITEMS, None, 1)]
+    assert broken(load, plan((0, 0, 0), (0, 0, 0), bin=[0, 1])) == []
+
+
+def test_obstacles():
+    arch = Obstacle((0, 0, 0), (4, 2, 2))
+    shelf = Obstacle((6, 0, 3), (2, 2, 1))
+    load = job(((2, 2, 2),), bins=(BinType((10, 8, 6), limits=BinLimits(obstacles=(arch, shelf))),))
+    for at in ((4, 0, 0), (0, 0, 2), (3, 0, 2), (0, 2, 0), (6, 0, 4)):
+        assert broken(load, plan(at)) == ([(Rule.SUPPORT, 0, 0)] if at[0] == 3 else [])
+    assert broken(load, plan((3, 0, 0))) == [(Rule.OVERLAP, 0, 1)]
+    assert broken(load, plan((6, 0, 0))) == [(Rule.BLOCKED, 0, 4)]  # it is under the shelf
+    assert broken(load, plan((6, 0, 0)), door="x") == []
+    assert [r for r, *_ in broken(load, plan((4, 0, 2)))] == [Rule.FLOATING]
+    (found,) = plan_violations(load, plan((3, 0, 0)))
+    assert found.other == -1
+    assert sentence(found).endswith("overlaps obstacle 0 by 1 along x")
+
+
+def test_many_items_are_soon_checked():
+    side = 28
+    load = Job(
+        (ItemType((1, 1, 1), side**3, 1.0, limits=ItemLimits(weight_above=side, stop=1)),),
+        (BinType((side, side, side)),),
+    )
+    corners = itertools.product(range(side), range(side), range(side))
+    puts = tuple(Placement(0, "XYZ", (x, y, z)) for z, y, x in corners)
+    assert broken(load, Plan((PackedBin(0, puts),))) == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_shelved_items_keep_to_all_rules(seed):
+    random = np.random.default_rng(seed)
+    rules = {
+        "gap": float(random.choice([0, 0.5])),
+        "heavy_below": bool(random.integers(2)),
+        "support": 1.0,
+        "door": str(random.choice(["", "x"])),
+    }
+    items = tuple(
+        ItemType(
+            tuple(random.integers(1, 5, 3).tolist()),
+            int(random.integers(1, 6)),
+            float(random.integers(3)),
+            ("XYZ", "YXZ", "ZYX"),
+            limits=ItemLimits(
+                group="g",
+                stop=int(random.integers(1, 3)) if random.random() < 0.3 else None,
+                weight_above=float(random.integers(3)) if random.random() < 0.3 else math.inf,
+                stackable=bool(random.random() < 0.7),
+            ),
+        )
+        for _ in range(3)
+    )
+    load = Job(items, (BinType((12, 12, 9)),))
+    found = shelved(load, range(len(items)), load.bins[0], Rules(**rules))
+    if found is not None:
+        assert len(found) == load.count
+        assert broken(load, Plan((PackedBin(0, found),)), **rules) == []
+
+
+def test_what_shelves_say_no_to():
+    group = ItemType((2, 2, 2), 4, 1.0)
+    for kind, rules in (
+        (BinType((4, 4, 2)), {}),
+        (BinType((2, 2, 8)), {}),
+        (BinType((8, 2, 2), max_weight=4), {}),
+        (BinType((9.5, 2, 2)), {"gap": 0.5}),
+    ):
+        load = Job((group,), (kind,))
+        assert fits_one_bin(load, [0], load.bins[0], Rules(**rules))
+    for kind, rules in (
+        (BinType((4, 4, 1.9)), {}),
+        (BinType((8, 2, 2), max_weight=3.9), {}),
+        (BinType((8, 2, 2), limits=BinLimits(most_items=3)), {}),
+        (BinType((9.4, 2, 2)), {"gap": 0.5}),
+    ):
+        load = Job((group,), (kind,))
+        assert not fits_one_bin(load, [0], load.bins[0], Rules(**rules))
+
+
+@pytest.mark.parametrize(
+    ("rules", "message"),
+    [
+        ({"gap": -1}, "gap -1: give a length, 0 or more"),
+        ({"overhang": math.inf}, "overhang: inf is not a finite number"),
+        ({"door": "y"}, "door 'y' is not known: use x"),
+        ({"balance": 0}, "balance 0: give a share of the floor, more than 0, up to 1"),
+        ({"balance": 1.1}, "balance 1.1: give a share"),
+        ({"heavy_below": 1}, "heavy_below 1: give True or False"),
+    ],
+)
+def test_rules_that_are_none(rules, message):
+    assert_refused(lambda: Rules(**rules).checked(), message)
+
+
+def test_no_door_in_2d():
+    assert_refused(lambda: Rules(door="x").checked(dimension=2), "door x: in 2D items come from")
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"weight_above": -1}, "item 0, weight_above: -1 is not a weight"),
+        ({"stackable": "no"}, "item 0, stackable: 'no': give True or False"),
+        ({"most_in_stack": 0}, "item 0, most_in_stack: 0 is not possible: give a whole number"),
+        ({"stack_id": -1}, "item 0, stack_id: -1 is not possible"),
+        ({"group": 3}, "item 0, group: 3 is no text"),
+        ({"stop": 0.5}, "item 0, stop: 0.5 is not possible"),
+    ],
+)
+def test_limits_of_items_that_are_none(limits, message):
+    assert_refused(lambda: job(((1, 1, 1), limits, 0)), message)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (BinLimits(most_items=0), "bin 0, most_items: 0 is not possible"),
+        (
+            BinLimits(obstacles=(Obstacle((0, 0, 0), (11, 1, 1)),)),
+            "obstacle 0: from 0 to 11 along x, and the bin is from 0 to 10",
+        ),
+        (BinLimits(obstacles=(Obstacle((0, 0, 0), (1, 1, 0)),)), "obstacle 0, size: 0 is not a si"),
+        (
+            BinLimits(obstacles=(Obstacle((0, 0, 0), (2, 2, 2)), Obstacle((1, 1, 1), (2, 2, 2)))),
+            "bin 0: obstacles 0 and 1 overlap",
+        ),
+        (BinLimits(obstacles=(3,)), "obstacle 0: 3 is no Obstacle"),
+        (3, "limits 3: give BinLimits"),
+    ],
+)
+def test_limits_of_bins_that_are_none(limits, message):
+    with pytest.raises(UserError, match="bin 0") as stop:
+        job(((1, 1, 1),), bins=(BinType((10, 8, 6), limits=limits),))
+    assert message in str(stop.value)
+
+
+def test_obstacles_are_whole_multiples_of_the_unit():
+    fine = BinType((10, 8, 6), limits=BinLimits(obstacles=(Obstacle((0.25, 0, 0), (1, 1, 1)),)))
+    assert job(((2, 2, 2),), bins=(fine,)).unit == 1 / 4
