@@ -30,6 +30,7 @@ def solve_batch(
     seed: int = 0,
     resolution: float | None = None,
     skip_unfit: bool = False,
+    obstacles: Any = None,
     ignore: str | Sequence[str] = (),
     objective: str = "",
     **rules: Any,
@@ -48,6 +49,7 @@ def solve_batch(
         seed: of the random choices.
         resolution: see `solve`, as what follows: corners stand on a grid of this length.
         skip_unfit: leave out items that no bin can hold.
+        obstacles: a table of what is taken in the bins: see `jaxpack.io.obstacles`.
         ignore: columns that need not be obeyed.
         objective: a key of `OBJECTIVES`.
         rules: fields of `Rules`, such as support=0.8: what carries an item, where it may stand.
@@ -65,6 +67,7 @@ def solve_batch(
         items,
         table_from_columns(bins, "bins"),
         zip(names, groups, strict=True),
+        obstacles=None if obstacles is None else table_from_columns(obstacles, "obstacles"),
         ignore=ignore,
         objective=objective,
     )

@@ -98,6 +98,7 @@ def solve_many(
     orders: Any,
     bins: Any,
     *,
+    obstacles: Any = None,
     time_limit: float | None = None,
     packings: int | None = None,
     seed: int = 0,
@@ -116,6 +117,7 @@ def solve_many(
         orders: a table of items with a column ORDER beside those of `solve`: a data frame, an
             Arrow table, a dict of columns, a structured NumPy array or a list of dicts.
         bins: a table of bins, likewise.
+        obstacles: a table of what is taken in the bins, likewise: see `jaxpack.io.obstacles`.
         time_limit: seconds for all orders together. Not given, they are 10 and 0.02 for each above
             500, or as many as the packings take.
         packings: that are tried at most for each order. With the same seed and number an order's
@@ -144,7 +146,13 @@ def solve_many(
     """
     wrong: dict[str, UserError] = {}
     jobs = jobs_from_columns(
-        orders, bins, wrong.__setitem__, ignore=ignore, objective=objective, say=silent
+        orders,
+        bins,
+        wrong.__setitem__,
+        obstacles=obstacles,
+        ignore=ignore,
+        objective=objective,
+        say=silent,
     )
     options = SolveOptions(
         time_limit, seed, Rules(**rules), resolution, skip_unfit, packings=packings

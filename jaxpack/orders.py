@@ -24,11 +24,12 @@ def read_orders(
     objective: str,
     say: Say,
     bad: Bad | None = None,
+    obstacles: Path | None = None,
 ) -> list[Job]:
     """All jobs of a file, or the one of that name.
 
     Args:
-        items, bins, ignore, packingsolver, objective: see `read_job`.
+        items, bins, ignore, packingsolver, objective, obstacles: see `read_job`.
         order: a name, or None for all.
         say: takes a line for everything that was assumed, once all has been read.
         bad: takes the name of an order that cannot be read, and why; it is raised if not given, as
@@ -42,6 +43,7 @@ def read_orders(
     jobs = read_job(
         items,
         bins,
+        obstacles=obstacles,
         ignore=ignore,
         packingsolver=packingsolver,
         objective=objective,

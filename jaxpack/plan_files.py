@@ -13,12 +13,13 @@ from jaxpack.io.packing_plans import is_packing_plans, read_packing_plans
 from jaxpack.io.plans import plan_objective, read_plan_json
 from jaxpack.model.job import MOST_ITEMS, Job, Plan
 from jaxpack.orders import read_orders
+from jaxpack.rule_flags import ObstaclesFile
 
 SUFFIXES = (".csv", ".json")
 
 
 @dataclass(frozen=True)
-class PlanFiles:
+class PlanFiles(ObstaclesFile):
     """Options of commands."""
 
     plan: Positional[Path]
@@ -55,6 +56,7 @@ def read_plans(options: PlanFiles, tell: Say) -> list[tuple[Job, Plan]]:
         options.packingsolver,
         options.objective or (plan_objective(options.plan) if kind == ".json" else ""),
         tell,
+        obstacles=options.obstacles,
     )
     if kind == ".json" and is_packing_plans(options.plan):
         plans = read_packing_plans(options.plan, jobs)
@@ -84,5 +86,6 @@ def check_output(option: str, path: Path, files: PlanFiles) -> None:
         check_writable(path)
     except UserError as error:
         raise UserError(f"{option} {error}") from None
-    if path.resolve() in {p.resolve() for p in (files.plan, files.items, files.bins) if p}:
+    read = files.plan, files.items, files.bins, files.obstacles
+    if path.resolve() in {p.resolve() for p in read if p}:
         raise UserError(f"{option} {path}: it is read; name another")

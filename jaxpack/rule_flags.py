@@ -1,6 +1,7 @@
 """The rules as options of the commands that pack and of the one that checks."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from tyro.conf import FlagCreatePairsOff
 
@@ -8,7 +9,16 @@ from jaxpack.model.rules import Rules
 
 
 @dataclass(frozen=True, kw_only=True)
-class RuleFlags:
+class ObstaclesFile:
+    """An option of commands."""
+
+    obstacles: Path | None = None
+    """What is taken in the bins, a row for each part: a table with BIN (name or number; all if
+    empty), X, Y, Z, LX, LY, LZ, in 2D without the Y."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RuleFlags(ObstaclesFile):
     """Options of commands."""
 
     support: float = Rules.support

@@ -144,6 +144,7 @@ def solve(
     items: Any,
     bins: Any = None,
     *,
+    obstacles: Any = None,
     time_limit: float | None = None,
     seed: int = 0,
     resolution: float | None = None,
@@ -164,6 +165,7 @@ def solve(
         items: a `Job`; or the path of a file; or a table with the columns of the CSV files: a data
             frame, a dict of columns, a structured NumPy array or a list of dicts.
         bins: likewise a path or a table. Not for a `Job`; .ins2D and .json need none.
+        obstacles: what is taken in the bins, likewise: see `jaxpack.io.obstacles`.
         time_limit: seconds for the search, compilation included. Not given, they are 10, or as
             many as the packings take.
         seed: of the random choices.
@@ -188,7 +190,7 @@ def solve(
         UserError: where anything in it is wrong, in one line.
     """
     notes: list[str] = []
-    job = _job(items, bins, ignore, objective, notes.append)
+    job = _job(items, bins, obstacles, ignore, objective, notes.append)
     how = time_limit, seed, Rules(**rules), resolution, skip_unfit
     options = checked_options(SolveOptions(*how, packings=packings), job)
     if dimension not in (None, job.dimension):
@@ -253,19 +255,30 @@ def solution(job: Job, found: Progress) -> Solution:
     )
 
 
-def _job(items: Any, bins: Any, ignore: str | Sequence[str], objective: str, say: Say) -> Job:
+def _job(
+    items: Any,
+    bins: Any,
+    obstacles: Any,
+    ignore: str | Sequence[str],
+    objective: str,
+    say: Say,
+) -> Job:
     if isinstance(items, Job):
-        if bins is not None:
-            raise UserError("bins: a job has its bins already; give none beside it")
+        if bins is not None or obstacles is not None:
+            what = "bins" if obstacles is None else "obstacles"
+            raise UserError(f"{what}: a job has its {what} already; give none beside it")
         return replace(items, objective=objective) if objective else items
     paths = str | PathLike
+    how: dict[str, Any] = {"ignore": ignore, "objective": objective, "say": say}
     if not isinstance(items, paths):
-        if bins is None or isinstance(bins, paths):
-            raise UserError("bins: give a table of them, as the items are one")
-        return job_from_columns(items, bins, ignore=ignore, objective=objective, say=say)
-    if bins is not None and not isinstance(bins, paths):
-        raise UserError("bins: give the path of a file, as the items are in one")
-    jobs = read_job(items, bins, ignore=ignore, objective=objective, say=say)
+        for what, given in (("bins", bins), ("obstacles", obstacles)):
+            if isinstance(given, paths) or (given is None and what == "bins"):
+                raise UserError(f"{what}: give a table of them, as the items are one")
+        return job_from_columns(items, bins, obstacles=obstacles, **how)
+    for what, given in (("bins", bins), ("obstacles", obstacles)):
+        if given is not None and not isinstance(given, paths):
+            raise UserError(f"{what}: give the path of a file, as the items are in one")
+    jobs = read_job(items, bins, obstacles=obstacles, **how)
     if len(jobs) > 1:
         what = f"{items}: {len(jobs)} orders, one is solved at a time"
         raise UserError(f"{what}: give one of read_job('{items}')")

@@ -118,7 +118,9 @@ def plan_files(options: CommandOptions, jobs: Sequence[Job]) -> list[dict[str, P
                 check_scale(own[option], job)
             claims.append((option, own[option]))
     taken = {
-        path.resolve(): "the job is read from it" for path in (options.items, options.bins) if path
+        path.resolve(): "the job is read from it"
+        for path in (options.items, options.bins, options.obstacles)
+        if path
     }
     for option, path in claims:
         try:
@@ -229,6 +231,7 @@ def main(argv: Sequence[str]) -> None:
         options.objective,
         tell,
         wrong.__setitem__,
+        options.obstacles,
     )
     how = options.how
     for job in jobs[:1] if how.resolution is None else jobs:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -20,7 +20,6 @@ from jaxpack.io.arrow import arrow
 from jaxpack.io.locks import held
 from jaxpack.io.spreadsheets import read_table
 from jaxpack.io.streams import Chunk, OrderStream
-from jaxpack.io.tables import Table
 from jaxpack.io.texts import read_bytes
 from jaxpack.model.job import Job
 from jaxpack.model.numbers import as_whole, fault
@@ -66,9 +65,10 @@ def described(options: CommandOptions, stream: OrderStream, how: SolveOptions) -
             "rows": stream.rows,
             "footer": stream.footer,
         },
-        "bins": {
-            "name": options.bins.name,
-            "sha256": sha256(read_bytes(options.bins)).hexdigest(),
+        **{
+            name: {"name": path.name, "sha256": sha256(read_bytes(path)).hexdigest()}
+            for name, path in (("bins", options.bins), ("obstacles", options.obstacles))
+            if path is not None
         },
         "options": asdict(how) | given,
     }
@@ -81,12 +81,12 @@ class Run:
         self,
         options: CommandOptions,
         stream: OrderStream,
-        bins: Table,
+        read: Callable[[Chunk], list[Any]],
         how: SolveOptions,
         parts: Parts,
         status: Screen,
     ) -> None:
-        self.options, self.stream, self.bins, self.how = options, stream, bins, how
+        self.options, self.stream, self.read, self.how = options, stream, read, how
         self.parts, self.status = parts, status
         self.workers = options.workers or usable_cores()
         self.begun = time.perf_counter()
@@ -98,7 +98,7 @@ class Run:
 
     def jobs(self, chunk: Chunk) -> list[Any]:
         """Of each order its Job, or what is wrong with it."""
-        jobs = chunk.jobs(self.bins, self.options.ignore, self.options.objective)
+        jobs = self.read(chunk)
         if self.how.resolution is not None:  # it may be too fine for some
             for number, job in enumerate(jobs):
                 try:
@@ -206,13 +206,24 @@ def main(argv: Sequence[str]) -> None:
     if how.packings is None and how.time_limit is None:
         how = replace(how, packings=PACKINGS)
     stream = OrderStream(options.orders)
-    bins = read_table(options.bins, partial(say, status))
-    stream.checked(bins, options.ignore, options.objective, partial(say, status))
+    tell = partial(say, status)
+    bins = read_table(options.bins, tell)
+    columns = {
+        "obstacles": options.obstacles and read_table(options.obstacles, tell),
+        "ignore": options.ignore,
+        "objective": options.objective,
+    }
+    stream.checked(bins, say=tell, **columns)
     some = next(stream.chunks(min(size, PROBED)), None)
-    for job in some.jobs(bins, options.ignore, options.objective) if some else ():
+
+    def read(chunk: Chunk) -> list[Any]:
+        return chunk.jobs(bins, **columns)
+
+    for job in read(some) if some else ():
         if isinstance(job, Job):
             how = checked_options(how, job, flag)
             break
+
     folder = options.folder
     try:
         folder.mkdir(exist_ok=True)
@@ -222,7 +233,7 @@ def main(argv: Sequence[str]) -> None:
     with held(folder / ".lock", in_use), interrupts() as interrupted:
         parts = Parts(folder, described(options, stream, how))
         if not parts.complete:
-            Run(options, stream, bins, how, parts, status).go(interrupted)
+            Run(options, stream, read, how, parts, status).go(interrupted)
     complete = say_totals(folder, parts, console, status)
     if interrupted:
         say(status, f"interrupted: {called('stream')} with the same options goes on from here")

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from job_files import assert_refused
+from job_files import BINS_3D, assert_refused, file_with, notes_of, read
 
 from jaxpack.errors import UserError
+from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.model.box_check import Rule
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
@@ -365,3 +366,141 @@ def test_limits_of_bins_that_are_none(limits, message):
 def test_obstacles_are_whole_multiples_of_the_unit():
     fine = BinType((10, 8, 6), limits=BinLimits(obstacles=(Obstacle((0.25, 0, 0), (1, 1, 1)),)))
     assert job(((2, 2, 2),), bins=(fine,)).unit == 1 / 4
+
+
+ITEMS = "X,Y,Z,{}\n3,4,5,{}\n3,4,5,\n"
+COLUMNS = [
+    ("MAXIMUM_WEIGHT_ABOVE", "30,5", ItemLimits(weight_above=30.5)),
+    ("MAXIMUM_WEIGHT_ABOVE", "0", ItemLimits(weight_above=0)),
+    ("MAXIMUM_WEIGHT_ABOVE", "inf", ItemLimits()),
+    ("MAXIMUM_WEIGHT_ABOVE", "-1", ItemLimits()),
+    ("STACKABLE", "0", ItemLimits(stackable=False)),
+    ("STACKABLE", "TRUE", ItemLimits()),
+    ("MAXIMUM_STACKABILITY", "3", ItemLimits(most_in_stack=3)),
+    ("MAXIMUM_STACKABILITY", "2147483647", ItemLimits()),
+    ("STACKABILITY_ID", "7", ItemLimits(stack_id=7)),
+    ("GROUP", "Müller", ItemLimits(group="Müller")),
+    ("GROUP", "12", ItemLimits(group="12")),
+    ("APART", "acid", ItemLimits(apart="acid")),
+    ("STOP", "2", ItemLimits(stop=2)),
+    ("FLOOR", "1", ItemLimits(floor=True)),
+]
+
+
+@pytest.mark.parametrize(("name", "cell", "limits"), COLUMNS)
+def test_columns_of_items(tmp_path, name, cell, limits):
+    text = ITEMS.format(name.lower(), cell).replace(",", ";").replace("30;5", "30,5")
+    found, notes = notes_of(tmp_path, text, BINS_3D)
+    assert [item.limits for item in found.items] == [limits, ItemLimits()]
+    assert not any("not used" in note for note in notes)
+    flat = f"WIDTH,HEIGHT,{name}\n3,4,{cell.replace(',', '.')}\n"
+    (found,) = read(tmp_path, flat, "WIDTH,HEIGHT\n9,9\n")
+    assert found.items[0].limits == limits
+    assert found.limited == (limits != ItemLimits())
+
+
+def test_columns_from_a_program():
+    items = {
+        "X": [3, 3],
+        "Y": [4, 4],
+        "Z": [5, 5],
+        "STOP": [1, math.nan],
+        "STACKABLE": [False, None],
+    }
+    bins = [{"X": 9, "Y": 9, "Z": 9, "MAXIMUM_ITEMS": 4}]
+    found = job_from_columns(items, bins, obstacles=[
+        {"X": 0, "Y": 0, "Z": 0, "LX": 1, "LY": 2, "LZ": 3}
+    ])  # fmt: skip
+    assert [item.limits for item in found.items] == [
+        ItemLimits(stop=1, stackable=False),
+        ItemLimits(),
+    ]
+    assert found.bins[0].limits == BinLimits(4, (Obstacle((0, 0, 0), (1, 2, 3)),))
+
+
+def test_columns_of_orders(tmp_path):
+    text = "ORDER,X,Y,Z,STOP\na,3,4,5,1\nb,3,4,5,2\nb,3,4,5,0.5\n"
+    wrong = {}
+    jobs = read(tmp_path, text, BINS_3D, by_order=True, bad=wrong.__setitem__)
+    assert [(one.name, one.items[0].limits.stop) for one in jobs] == [("a", 1)]
+    assert "items.csv: row 4, column STOP: 0.5 is not possible" in str(wrong["b"])
+
+
+@pytest.mark.parametrize(
+    ("name", "cell", "message"),
+    [
+        ("MAXIMUM_WEIGHT_ABOVE", "-2", "-2 is not a weight: give 0 to 1e9"),
+        ("MAXIMUM_WEIGHT_ABOVE", "much", "'much' is not a number"),
+        ("STACKABLE", "2", "says neither yes nor no: give 1 or 0"),
+        ("MAXIMUM_STACKABILITY", "0", "0 is not possible: give a whole number, at least 1"),
+        ("STACKABILITY_ID", "-1", "-1 is not possible"),
+        ("STOP", "0", "0 is not possible: give a whole number, at least 1"),
+        ("FLOOR", "no", "'no' says neither yes nor no"),
+    ],
+)
+def test_bad_cells_of_items(tmp_path, name, cell, message):
+    text = ITEMS.format(name, cell)
+    where = f"items.csv: row 2, column {name}: "
+    assert_refused(lambda: read(tmp_path, text, BINS_3D), where, message)
+    (found,) = read(tmp_path, text, BINS_3D, ignore=[name])
+    assert not found.limited
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("MAX_WEIGHT_ABOVE", "MAXIMUM_WEIGHT_ABOVE"),
+        ("UNSTACKABLE", "STACKABLE"),
+        ("MAX_STACKABILITY", "MAXIMUM_STACKABILITY"),
+        ("STOPS", "STOP"),
+    ],
+)
+def test_other_words_for_columns(tmp_path, name, meant):
+    text = ITEMS.format(name, "1")
+    assert_refused(lambda: read(tmp_path, text, BINS_3D), f"{name} is not known; is {meant} meant?")
+
+
+@pytest.mark.parametrize("name", ["PART", "PRODUCT GROUP", "COLOUR"])
+def test_words_that_mean_something_else(tmp_path, name):
+    (found,) = read(tmp_path, ITEMS.format(name, "1"), BINS_3D)
+    assert not found.limited
+
+
+def test_maximum_items(tmp_path):
+    bins = "X,Y,Z,MAXIMUM_ITEMS\n9,9,9,4\n9,9,9,-1\n9,9,9,\n"
+    (found,) = read(tmp_path, ITEMS.format("NOTE", ""), bins)
+    assert [kind.limits.most_items for kind in found.bins] == [4, None, None]
+    bad = bins.replace("9,4", "9,0")
+    assert_refused(
+        lambda: read(tmp_path, ITEMS.format("NOTE", ""), bad), "row 2, column MAXIMUM_IT"
+    )
+
+
+def test_files_of_obstacles(tmp_path):
+    items = file_with(tmp_path, "items.csv", "X (mm),Y (mm),Z (mm)\n30,40,50\n")
+    bins = file_with(tmp_path, "bins.csv", "X (cm),Y (cm),Z (cm),NAME\n9,9,9,van\n8,8,8,1\n")
+    taken = "bin,x,y,z,lx,ly,lz\n{},0,0,0,1,2.5,3\n"
+
+    def obstacles(name):
+        path = file_with(tmp_path, "taken.csv", taken.format(name))
+        (found,) = read_job(items, bins, obstacles=path)
+        return [kind.limits.obstacles for kind in found.bins]
+
+    one = Obstacle((0, 0, 0), (10, 25, 30))  # in the items' unit, as the bins
+    assert obstacles("van") == [(one,), ()]
+    assert obstacles("1") == [(), (one,)]
+    assert obstacles("0") == [(one,), ()]
+    assert obstacles("") == [(one,), (one,)]
+    assert_refused(lambda: obstacles("bus"), "taken.csv: row 2, column BIN: 'bus' is no bin: there")
+    taken = "X,Y,Z,LX,LY,LZ\n{}0,0,0,1,2.5,10\n"
+    what = "taken.csv: row 2: from 0 to 100 along z, and the bin is from 0 to 90"
+    assert_refused(lambda: obstacles(""), what)
+    taken = "X,Y,Z,LX,LY\n{}0,0,0,1,2.5\n"
+    assert_refused(lambda: obstacles(""), "column LZ is missing")
+
+
+def test_obstacles_of_files_with_bins_of_their_own(tmp_path):
+    flat = file_with(tmp_path, "a.ins2D", "1\n9 9\n1 2 3\n")
+    path = file_with(tmp_path, "taken.csv", "X,Z,LX,LZ\n1,2,3,4\n")
+    (found,) = read_job(flat, obstacles=path)
+    assert found.bins[0].limits.obstacles == (Obstacle((1, 0, 2), (3, 1, 4)),)

@@ -42,6 +42,7 @@ class Reading:
     packingsolver: bool = False  # what is not said means what it does in PackingSolver
     say: Say = silent  # takes a line for everything that was assumed
     objective: str = ""  # of the job; see `Job.objective`
+    obstacles: Table | None = None  # in the bins, see `jaxpack.io.obstacles`
 
     @cached_property
     def goal(self) -> Objective:

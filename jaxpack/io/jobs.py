@@ -37,6 +37,7 @@ from jaxpack.io.columns import (
 )
 from jaxpack.io.ins2d import read_ins2d
 from jaxpack.io.notes import Say, silent
+from jaxpack.io.obstacles import with_obstacles
 from jaxpack.io.spreadsheets import PARQUET, WORKBOOKS, read_table
 from jaxpack.io.tables import Table, table_from_columns
 from jaxpack.io.types_of_rows import bin_types, item_types
@@ -54,6 +55,7 @@ def read_job(
     items: str | PathLike[str],
     bins: str | PathLike[str] | None = None,
     *,
+    obstacles: str | PathLike[str] | None = None,
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     objective: str = "",
@@ -68,6 +70,7 @@ def read_job(
         bins: of a table of bins, .csv or .xlsx. A table of items needs it; for others it replaces
             what their file says: the bin of an .ins2D file, the target of an order (a euro pallet,
             1200 x 800, if it names none, or a roll container, 800 x 700, both up to 2000 mm).
+        obstacles: of a table of what is taken in the bins: see `jaxpack.io.obstacles`.
         ignore: columns that are left out of account, capitals or not.
         packingsolver: read tables exactly as PackingSolver 0.1.1233 does: without COPIES there is
             one bin, 2D items without ORIENTED may be turned, without a rotation that is 1 items
@@ -82,7 +85,8 @@ def read_job(
     Raises:
         UserError: naming the file, the row and the column (of JSON the order and the key).
     """
-    reading = Reading(_capitals(ignore), packingsolver, say, objective)
+    taken = None if obstacles is None else read_table(Path(obstacles), say)
+    reading = Reading(_capitals(ignore), packingsolver, say, objective, taken)
     items, bins = Path(items), None if bins is None else Path(bins)
     kind = items.suffix.lower()
     if kind in TABLES:
@@ -104,9 +108,15 @@ def read_job(
     else:
         check_ignored(reading)
     if kind == ".ins2d":
-        return [read_ins2d(items, given, reading)]
-    jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None, bad=bad)
-    return [replace(job, objective=objective) for job in jobs] if objective else jobs
+        jobs = [read_ins2d(items, given, reading)]
+    else:
+        jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None, bad=bad)
+        jobs = [replace(job, objective=objective) for job in jobs] if objective else jobs
+    if given is not None or taken is None:
+        return jobs
+    return [
+        replace(job, bins=with_obstacles(job.bins, taken, job.dimension, say=say)) for job in jobs
+    ]
 
 
 def job_from_columns(
@@ -114,6 +124,7 @@ def job_from_columns(
     bins: Any,
     name: str = "",
     *,
+    obstacles: Any = None,
     ignore: str | Sequence[str] = (),
     packingsolver: bool = False,
     objective: str = "",
@@ -126,12 +137,14 @@ def job_from_columns(
             NaN and NA are empty cells.
         bins: likewise.
         name: the job's name.
+        obstacles: likewise a table; none if not given.
         ignore, packingsolver, objective, say: see `read_job`.
 
     Raises:
         UserError: naming the table, the row, counted from 0, and the column.
     """
-    reading = Reading(_capitals(ignore), packingsolver, say, objective)
+    taken = None if obstacles is None else table_from_columns(obstacles, "obstacles")
+    reading = Reading(_capitals(ignore), packingsolver, say, objective, taken)
     tables = table_from_columns(items, "items"), table_from_columns(bins, "bins")
     return _jobs(*tables, name, reading)[0]
 
@@ -141,6 +154,7 @@ def jobs_from_columns(
     bins: Any,
     bad: Bad,
     *,
+    obstacles: Any = None,
     ignore: str | Sequence[str] = (),
     objective: str = "",
     say: Say = silent,
@@ -148,13 +162,14 @@ def jobs_from_columns(
     """A job for every order of a table of a program, by its column ORDER.
 
     Args:
-        orders, bins: see `job_from_columns`.
+        orders, bins, obstacles: see `job_from_columns`.
         bad, ignore, objective, say: see `read_job`.
 
     Raises:
         UserError: naming the table and the column, or the bin.
     """
-    reading = Reading(_capitals(ignore), False, say, objective)
+    taken = None if obstacles is None else table_from_columns(obstacles, "obstacles")
+    reading = Reading(_capitals(ignore), False, say, objective, taken)
     items = table_from_columns(orders, "orders")
     items.need((ORDER,))
     return _jobs(items, table_from_columns(bins, "bins"), "", reading, True, bad)
@@ -165,6 +180,7 @@ def jobs_of_groups(
     bins: Table,
     groups: Iterable[tuple[str, slice]],
     *,
+    obstacles: Table | None = None,
     ignore: str | Sequence[str] = (),
     objective: str = "",
     say: Say = silent,
@@ -175,12 +191,13 @@ def jobs_of_groups(
         items: a table; its column ORDER, if it has one, says nothing.
         bins: a table.
         groups: the name of each, and which lines it has.
+        obstacles: a table; none if not given.
         ignore, objective, say: see `read_job`. What is said is of the columns and the bins alone.
 
     Raises:
         UserError: where anything is wrong with the columns or the bins.
     """
-    reading = Reading(_capitals(ignore), False, say, objective)
+    reading = Reading(_capitals(ignore), False, say, objective, obstacles)
     known = replace(reading, ignore=reading.ignore | {ORDER})
     columns = understand(_part(items, slice(0)), ITEMS, known)
     rooms = understand(bins, BINS, reading)

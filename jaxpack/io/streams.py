@@ -30,11 +30,16 @@ class Chunk:
     rows: Any  # an Arrow table
     repeated: frozenset[int]  # which of them have come before
 
-    def jobs(self, bins: Table, ignore: Sequence[str], objective: str) -> list[Any]:
-        """Of each order its Job, or the UserError that says what is wrong with it."""
+    def jobs(self, bins: Table, **how: Any) -> list[Any]:
+        """Of each order its Job, or the UserError that says what is wrong with it.
+
+        Args:
+            bins: a table.
+            how: see `jobs_of_groups`.
+        """
         items = table_from_columns(self.rows, self.source, self.first)
         named = zip(self.names, self.groups, strict=True)
-        jobs = jobs_of_groups(items, bins, named, ignore=ignore, objective=objective)
+        jobs = jobs_of_groups(items, bins, named, **how)
         return [self._wrong(number) or job for number, job in enumerate(jobs)]
 
     def _wrong(self, number: int) -> UserError | None:
@@ -66,14 +71,18 @@ class OrderStream:
         self.rows: int = self.file.metadata.num_rows
         self.footer = sha256(_footer(path)).hexdigest()
 
-    def checked(self, bins: Table, ignore: Sequence[str], objective: str, say: Any) -> None:
+    def checked(self, bins: Table, **how: Any) -> None:
         """Looks at the columns and the bins, before there is any order; says what is assumed.
+
+        Args:
+            bins: a table.
+            how: see `jobs_of_groups`.
 
         Raises:
             UserError: naming what is wrong with them.
         """
         columns = table_from_columns(self.file.schema_arrow.empty_table(), str(self.path))
-        jobs_of_groups(columns, bins, (), ignore=ignore, objective=objective, say=say)
+        jobs_of_groups(columns, bins, (), **how)
 
     def chunks(self, size: int) -> Iterator[Chunk]:
         """The orders, so many at a time; they are the same whatever the file's row groups are.

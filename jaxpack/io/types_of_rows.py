@@ -7,6 +7,7 @@ from pathlib import Path
 
 from jaxpack.io.columns import NAMES, ROTATIONS, SIDES, Reading, Understood
 from jaxpack.io.notes import note
+from jaxpack.io.obstacles import with_obstacles
 from jaxpack.io.tables import Row
 from jaxpack.model.exact import exact
 from jaxpack.model.job import FLAT_TURNED, BinType, ItemType, Sides, counted
@@ -134,7 +135,7 @@ def _orientations(row: Row, columns: Sequence[str], reading: Reading) -> tuple[s
 def bin_types(
     read: Understood, dimension: int, factor: Fraction, reading: Reading
 ) -> tuple[BinType, ...]:
-    """The bins of a table for items of a dimension, their lengths times a factor.
+    """The bins of a table, with their obstacles, for items of a dimension; lengths times a factor.
 
     Raises:
         UserError: naming the row and the column.
@@ -165,7 +166,7 @@ def bin_types(
                 BinLimits(row.whole(most, low=1)) if _limited(row, most) else BinLimits(),
             )
         )
-    return tuple(bins)
+    return with_obstacles(bins, reading.obstacles, dimension, factor, reading.say)
 
 
 def _given(row: Row, column: str) -> bool:

@@ -12,6 +12,7 @@ from jaxpack.errors import UserError
 from jaxpack.io.jobs import job_from_columns
 from jaxpack.io.texts import parse_json
 from jaxpack.model.job import Job
+from jaxpack.model.limits import MOST_OBSTACLES
 from jaxpack.model.numbers import fault
 from jaxpack.model.rules import Rules
 from jaxpack.search.portfolio import SolveOptions
@@ -82,6 +83,7 @@ class Order(_Given):
 
     items: Table
     bins: Table
+    obstacles: Table = None
     options: Options = Options()
     name: str = Field(default="", max_length=200)
 
@@ -91,6 +93,7 @@ class PartOfMany(_Given):
 
     items: Table
     bins: Table = None
+    obstacles: Table = None
     options: Options | None = None
     name: str = Field(default="", max_length=200)
 
@@ -100,6 +103,7 @@ class Orders(_Given):
 
     orders: list[Any] = Field(description="each an object with items, and a name if it has one")
     bins: Table = None
+    obstacles: Table = None
     options: Options = Options()
 
 
@@ -140,6 +144,7 @@ def _part(data: Any, shared: Orders, limits: Limits) -> Asked | Problem:
         order = Order.model_construct(
             items=part.items,
             bins=shared.bins if part.bins is None else part.bins,
+            obstacles=shared.obstacles if part.obstacles is None else part.obstacles,
             options=part.options or shared.options,
             name=part.name,
         )
@@ -176,10 +181,17 @@ def _read(order: Order, limits: Limits) -> Asked:
         for name, table, most in (
             ("items", order.items, limits.items),
             ("bins", order.bins, limits.bins),
+            ("obstacles", order.obstacles, MOST_OBSTACLES),
         ):
-            _check_cells(name, table, most)
+            if table is not None or name != "obstacles":
+                _check_cells(name, table, most)
         job = job_from_columns(
-            order.items, order.bins, order.name, objective=options.objective, say=notes.append
+            order.items,
+            order.bins,
+            order.name,
+            obstacles=order.obstacles,
+            objective=options.objective,
+            say=notes.append,
         )
         if job.count > limits.items:
             raise fault("items", f"{job.count:,}, more than {limits.items:,}: split the order")
