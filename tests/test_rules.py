@@ -11,12 +11,17 @@ from job_files import BINS_3D, assert_refused, file_with, notes_of, read
 from jaxpack.errors import UserError
 from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.model.box_check import Rule
+from jaxpack.model.encoding import load_job
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin, shelved
 from jaxpack.model.violations import sentence
+from jaxpack.rule_flags import flag
+from jaxpack.search.portfolio import SolveOptions
+from jaxpack.solution import checked_options
 
 BIN = BinType((10, 8, 6))
 
@@ -504,3 +509,71 @@ def test_obstacles_of_files_with_bins_of_their_own(tmp_path):
     path = file_with(tmp_path, "taken.csv", "X,Z,LX,LZ\n1,2,3,4\n")
     (found,) = read_job(flat, obstacles=path)
     assert found.bins[0].limits.obstacles == (Obstacle((1, 0, 2), (3, 1, 4)),)
+
+
+def unfit(load, **rules):
+    """What is said of items for which there is no place."""
+    with pytest.raises(UserError) as stop:
+        load_job(load, Rules(**rules))
+    return str(stop.value)
+
+
+def test_items_that_no_rule_lets_in():
+    load = Job(
+        (ItemType((2, 2, 2), 3, limits=ItemLimits(apart="acid")),), (replace(BIN, copies=2),)
+    )
+    assert unfit(load).startswith("item 0: 3 items that are to be apart 'acid', and 2 bins: give")
+    assert load_job(replace(load, bins=(BIN,)))
+    pillar = Obstacle((4, 3, 0), (2, 2, 5))
+    held = replace(BIN, limits=BinLimits(obstacles=(pillar,)))
+    for size, floor, fits in (
+        ((4, 8, 6), True, True),
+        ((4.1, 8, 1), False, True),  # it can stand on the pillar
+        ((4.1, 8, 1), True, False),
+        ((4.1, 8, 1.1), False, False),
+        ((10, 3, 6), True, True),
+        ((10, 3.1, 6), False, False),
+    ):
+        load = job((size, {"floor": floor}, 0), bins=(held,))
+        assert fits or "beside its obstacles; give a bin with fewer of them" in unfit(load)
+        assert not fits or load_job(load)
+    # Under a beam there is room through the door only, and nothing comes through a wall.
+    for low, rules, fits in (
+        ((0, 0, 5), {}, False),
+        ((0, 0, 5), {"door": "x"}, True),
+        ((9, 0, 0), {"door": "x"}, False),
+        ((9, 0, 0), {}, True),
+        ((9, 0, 0), {"door": "x", "overhang": 5}, True),  # beyond it
+    ):
+        size = (10, 8, 1) if low[2] else (1, 8, 6)
+        wall = replace(BIN, limits=BinLimits(obstacles=(Obstacle(low, size),)))
+        load = job(((5, 8, 5), {"floor": True}, 0), bins=(wall,))
+        assert fits or "on the floor beside" in unfit(load, **rules)
+        assert not fits or load_job(load, Rules(**rules))
+
+
+def test_overhang_makes_room():
+    load = job(((12, 8, 6),))
+    assert "no bin can hold 12 x 8 x 6" in unfit(load)
+    assert load_job(load, Rules(overhang=1))
+    assert "no bin can hold" in unfit(load, overhang=0.9)
+
+
+def test_units_hold_gap_and_overhang():
+    load = job(((2, 2, 2),), ((4, 4, 4),))
+    assert load_job(load, Rules(gap=0.25)).units.length == 1 / 4
+    assert load_job(load, Rules(gap=3, overhang=0.5)).units.length == 1 / 2
+    with pytest.raises(UserError, match="--gap 1e-09: too many digits"):
+        checked_options(SolveOptions(rules=Rules(gap=1e-9)), load, flag)
+
+
+def test_bounds_hold_by_the_rules():
+    load = Job((ItemType((5, 4, 3), 32),), (BIN,))
+    assert bounds(load).bins == 4
+    wider = bounds(load, rules=Rules(overhang=2.5))  # volumes of bins are what they were
+    assert wider.bins < 4
+    assert wider.worth == (0, wider.bins, 480 * wider.bins)
+    few = replace(BIN, limits=BinLimits(most_items=3))
+    assert bounds(replace(load, bins=(few,))).bins == 11
+    apart = tuple(replace(item, limits=ItemLimits(apart="a")) for item in load.items)
+    assert bounds(replace(load, items=apart)).bins == 32

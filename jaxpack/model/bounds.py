@@ -17,6 +17,7 @@ from jaxpack.model.cover import Need, least
 from jaxpack.model.exact import exact
 from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import UNLIMITED, Goods, goods_of
+from jaxpack.model.hints import apart_items
 from jaxpack.model.job import BinType, Job
 from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
 from jaxpack.model.scales import scaled_needs
@@ -57,7 +58,7 @@ def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -
     if not len(goods.copies):
         return Bounds(0, 0.0, goods.unfit, (goods.unfit, *(0 for _ in parts)), 0.0)
     costs = np.array([float(parts_of(kind)["cost"]) for kind in goods.kinds])
-    needs = []
+    needs = [Need(max(1, _most_apart(job) - goods.unfit), (1,) * len(costs))]
     for need in _needs(goods, costs):
         needs.append(need)
         if seconds is not None and time.monotonic() - begun > seconds:
@@ -229,12 +230,17 @@ def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
 
 
 def _number(goods: Goods) -> Need:
-    count = max(_by_volume(goods), _by_weight(goods))
+    count = max(_by_volume(goods), _by_weight(goods), _by_number(goods))
     # What fits side by side needs one bin, and no bound says more.
     lengths = goods.copies @ goods.sizes.min(0)
     if (lengths[list(goods.axes)] > goods.rooms.max(0)[list(goods.axes)]).all():
         count = max(count, l1_and_l2(goods, halves=True)[1])
     return Need(count, tuple((goods.rooms.min(1) > 0).astype(int).tolist()))
+
+
+def _most_apart(job: Job) -> int:
+    """The most items of which no two are in one bin."""
+    return max((sum(i.copies for i in some) for some in apart_items(job).values()), default=0)
 
 
 def _alone(goods: Goods) -> Iterator[Need]:
@@ -259,6 +265,13 @@ def _alone(goods: Goods) -> Iterator[Need]:
 def _by_volume(goods: Goods) -> int:
     total = _sum_of_products(*goods.sizes[0].T, goods.copies)
     return _fewest(total, _capacities(goods, map(math.prod, goods.rooms.tolist())))
+
+
+def _by_number(goods: Goods) -> int:
+    total, used = int(goods.copies.sum()), goods.rooms.min(1) > 0
+    most = (kind.limits.most_items or total for kind in goods.kinds)
+    each = (count if some else 0 for count, some in zip(most, used.tolist(), strict=True))
+    return _fewest(total, _capacities(goods, each))
 
 
 def _by_weight(goods: Goods) -> int:

@@ -10,9 +10,10 @@ import numpy as np
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import most_profit
 from jaxpack.model.figures import profit_of
-from jaxpack.model.hints import unfit_message
+from jaxpack.model.hints import apart_message, unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.objectives import Objective, objective_of
+from jaxpack.model.places import beside_obstacles, room_of
 from jaxpack.model.rules import Rules
 from jaxpack.model.sorts import SORTS
 from jaxpack.model.units import Units, in_units, units_of
@@ -77,17 +78,20 @@ def load_job(
     """The job for a packer.
 
     Raises:
-        UserError: naming the items that no bin can hold, unless they are to be skipped.
+        UserError: naming the items that no bin can hold, or more of them that are to be apart than
+            there are bins, unless items may be skipped.
     """
     objective = objective_of(job)
     job = objective.prepared(job)
     units = units_of(job, resolution, rules)
-    ways = fitting_ways(job)
+    ways = fitting_ways(job, rules)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
     fit = [n for n, some in enumerate(ways) if some and job.items[n].copies]
     skip_unfit = skip_unfit or objective.leaves_out
     if unfit and (not skip_unfit or not fit):
         raise UserError(unfit_message(job, unfit, skip_unfit))
+    if not skip_unfit and (message := apart_message(job)):
+        raise UserError(message)
     left_out = tuple(n for n in unfit for _ in range(job.items[n].copies))
     items = np.repeat(fit, [job.items[n].copies for n in fit])
     copies = [
@@ -98,12 +102,12 @@ def load_job(
     return Loading(job, objective, units, rules, stock, items, ways, bins, left_out)
 
 
-def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
+def fitting_ways(job: Job, rules: Rules = Rules()) -> tuple[tuple[str, ...], ...]:
     """For every item type the orientations in which some bin can hold it, none if none can."""
-    able = [kind for kind in job.bins if kind.copies != 0]
+    able = [(kind, room_of(kind, rules, job.dimension)) for kind in job.bins if kind.copies != 0]
 
     def ways(item: ItemType) -> tuple[str, ...]:
-        rooms = [kind.size for kind in able if item.weight <= kind.max_weight]
+        kinds = [one for one in able if item.weight <= one[0].max_weight]
         # Of ways that come to the same, as with two equal sides, the first.
         first: dict[Sides, str] = {}
         for way in item.orientations:
@@ -111,7 +115,13 @@ def fitting_ways(job: Job) -> tuple[tuple[str, ...], ...]:
         return tuple(
             way
             for (x, y, z), way in first.items()
-            if any(x <= a and y <= b and z <= c for a, b, c in rooms)
+            if any(
+                x <= a
+                and y <= b
+                and z <= c
+                and beside_obstacles(kind, (x, y, z), rules, job.dimension, item.limits.floor)
+                for kind, (a, b, c) in kinds
+            )
         )
 
     return tuple(map(ways, job.items))

@@ -8,6 +8,8 @@ import numpy as np
 
 from jaxpack.model.exact import whole
 from jaxpack.model.job import ORIENTATIONS, BinType, Job
+from jaxpack.model.places import room_of
+from jaxpack.model.rules import Rules
 
 UNLIMITED = np.iinfo(np.int64).max  # a bin without limit of its weight
 MOST_PAIRS = 2**21  # rows x bins of which it is noted which fits which
@@ -68,7 +70,8 @@ class Goods:
 def goods_of(job: Job) -> Goods:
     """The rows of a job that some bin can hold, and the bins."""
     kinds = tuple(kind for kind in job.bins if kind.copies != 0)
-    rooms = np.array([kind.size for kind in kinds], float).reshape(-1, 3)
+    spaces = [room_of(kind, Rules(overhang=kind.limits.overhang), job.dimension) for kind in kinds]
+    rooms = np.array(spaces, float).reshape(-1, 3)
     limits = np.array([kind.max_weight for kind in kinds], float)
     sides, allowed, weight, profit, copies = _rows(job)
     turned = sides[:, _AXES].swapaxes(0, 1)

@@ -1,6 +1,7 @@
 """What to do about items that no bin holds, and about sizes that look like another unit."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable
 
 from jaxpack.model.job import FLAT_TURNED, ORIENTATIONS, BinType, ItemType, Job
@@ -28,13 +29,41 @@ def unfit_message(job: Job, unfit: list[int], skipped: bool) -> str:
     sides = " x ".join(f"{first.size[axis]:.13g}" for axis in job.axes)
     wrong = f"no bin can hold {sides} in an orientation that is allowed"
     rooms = [kind for kind in job.bins if kind.copies != 0]
-    if any(_fits(first, way, rooms) for way in first.orientations):
-        wrong = f"weight {first.weight:.13g} is over the limit of every bin that has room for it"
+    able = [kind for kind in rooms if first.weight <= kind.max_weight]
     advice = scale_hint(job) or unfit_hint(job, unfit[0])
+    if any(_fits(first, way, able) for way in first.orientations):
+        where = " on the floor" if first.limits.floor else ""
+        wrong = f"no bin has room for {sides}{where} beside its obstacles"
+        advice = "give a bin with fewer of them"
+    elif any(_fits(first, way, rooms) for way in first.orientations):
+        wrong = f"weight {first.weight:.13g} is over the limit of every bin that has room for it"
     if not skipped:
         or_else = " Or" if advice.endswith("?") else "; or"
         advice += f"{or_else} leave such items out with --skip-unfit"
     return f"{first.where or f'item {unfit[0]}'}{called}{others}: {wrong}; {advice}"
+
+
+def apart_message(job: Job) -> str | None:
+    """The one line about items that have to be apart and are more than there are bins, or None."""
+    copies = [kind.copies for kind in job.bins]
+    if None in copies:
+        return None
+    most = sum(count or 0 for count in copies)
+    for name, items in apart_items(job).items():
+        if (count := sum(item.copies for item in items)) > most:
+            what = f"{count} items that are to be apart '{name}', and {most} bins"
+            where = items[0].where or f"item {job.items.index(items[0])}"
+            return f"{where}: {what}: give more, or leave out the column APART with --ignore"
+    return None
+
+
+def apart_items(job: Job) -> dict[str, list[ItemType]]:
+    """The items of which no two may be in one bin, by what their limits say."""
+    found = defaultdict[str, list[ItemType]](list)
+    for item in job.items:
+        if item.limits.apart:
+            found[item.limits.apart].append(item)
+    return found
 
 
 def unfit_hint(job: Job, item: int) -> str:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from jaxpack.errors import UserError
 from jaxpack.model.bounds import Bounds
@@ -13,6 +14,7 @@ from jaxpack.model.objectives.height import HEIGHT
 from jaxpack.model.objectives.paper import PAPER
 from jaxpack.model.objectives.price import PRICE
 from jaxpack.model.objectives.value import VALUE
+from jaxpack.model.rules import Rules
 
 __all__ = [
     "OBJECTIVES",
@@ -73,10 +75,16 @@ def objective_of(job: Job) -> Objective:
     return named(job.objective or ("price" if job.priced else "bins"))
 
 
-def bounds(job: Job, seconds: float | None = None) -> Bounds:
-    """Below which no plan's worth is: see `Objective.bound`."""
+def bounds(job: Job, seconds: float | None = None, rules: Rules = Rules()) -> Bounds:
+    """Below which no plan's worth is, by rules of which the overhang counts: `Objective.bound`."""
     goal = objective_of(job)
-    return goal.bound(goal.prepared(job), seconds)
+    job = goal.prepared(job)
+    if rules.overhang:
+        kinds = (
+            replace(kind, limits=replace(kind.limits, overhang=rules.overhang)) for kind in job.bins
+        )
+        job = replace(job, bins=tuple(kinds))
+    return goal.bound(job, seconds)
 
 
 def gap(job: Job, plan: Plan, bounds: Bounds) -> float | None:
