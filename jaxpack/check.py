@@ -3,17 +3,20 @@
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from jaxpack.cli import parse_options, run_door
 from jaxpack.errors import UserError
+from jaxpack.io.notes import Say
+from jaxpack.io.plans import plan_rules
 from jaxpack.io.tables import write_table
 from jaxpack.io.texts import json_line, json_lines, write_text
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.objectives import objective_of
 from jaxpack.model.plan_check import plan_violations
+from jaxpack.model.rules import Rules
 from jaxpack.model.violations import Violation, sentence
 from jaxpack.plan_files import SUFFIXES, PlanFiles, check_output, read_plans
 from jaxpack.plan_tables import Screen, counted, say
@@ -54,6 +57,23 @@ class Verdict:
         return f"valid: {', '.join(parts)}"
 
 
+def rules_of(options: CommandOptions, tell: Say) -> Rules:
+    """The rules of the options; where these are the usual ones, those that a plan says.
+
+    Raises:
+        UserError: where one of them is none.
+    """
+    rules, known = options.rules, Rules()
+    said = plan_rules(options.plan) if options.plan.suffix.lower() == ".json" else {}
+    taken = {
+        name: one for name, one in said.items() if getattr(rules, name) == getattr(known, name)
+    }
+    if taken:
+        what = ", ".join(f"{name} {one}" for name, one in taken.items())
+        tell(f"{options.plan}: checked by the rules that it says it was made by: {what}")
+    return replace(rules, **taken)
+
+
 def write_records(path: Path, verdicts: Iterable[Verdict]) -> None:
     """Writes a record per violation: its order, its fields and the sentence.
 
@@ -87,12 +107,13 @@ def _lines(verdicts: Sequence[Verdict]) -> Iterator[str]:
 def main(argv: Sequence[str]) -> None:
     """Reads, checks, writes, prints; exits 1 if a rule is broken."""
     options = parse_options(CommandOptions, "check", argv)
-    rules = options.rules.checked(flag)
+    options.rules.checked(flag)
     if options.out is not None:
         if options.out.suffix.lower() not in SUFFIXES:
             raise UserError(f"--out {options.out}: end it with {' or '.join(SUFFIXES)}")
         check_output("--out", options.out, options)
     tell = partial(say, Screen(stderr=True))
+    rules = rules_of(options, tell)
     verdicts = [
         Verdict(
             job,

@@ -59,6 +59,7 @@ class Solution:
     packings: int  # that were tried
     end: End  # what ended the search
     notes: tuple[str, ...] = ()  # what was assumed of the tables, a line each
+    rules: Rules = Rules()  # by which it was packed
 
     @property
     def bound(self) -> int:
@@ -121,7 +122,7 @@ class Solution:
 
     def write_json(self, path: str | PathLike[str]) -> None:
         """Writes the plan and what it says of the job as JSON."""
-        write_plan_json(Path(path), self._levelled, self.plan)
+        write_plan_json(Path(path), self._levelled, self.plan, self.rules)
 
     def write_steps(self, path: str | PathLike[str]) -> None:
         """Writes the loading steps, a row per item, as CSV."""
@@ -195,7 +196,8 @@ def solve(
     options = checked_options(SolveOptions(*how, packings=packings), job)
     if dimension not in (None, job.dimension):
         raise UserError(f"dimension {dimension}: the items have the columns of {job.dimension}D")
-    return replace(solution(job, solve_job(job, options, progress=progress)), notes=tuple(notes))
+    found = solve_job(job, options, progress=progress)
+    return replace(solution(job, found, options.rules), notes=tuple(notes))
 
 
 def checked_options(
@@ -241,7 +243,7 @@ def checked_options(
     )
 
 
-def solution(job: Job, found: Progress) -> Solution:
+def solution(job: Job, found: Progress, rules: Rules) -> Solution:
     """What a search has ended with, in figures."""
     assert found.end is not None, "it goes on"
     return Solution(
@@ -252,6 +254,7 @@ def solution(job: Job, found: Progress) -> Solution:
         seconds=found.seconds,
         packings=found.packings,
         end=found.end,
+        rules=rules,
     )
 
 

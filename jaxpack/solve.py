@@ -160,7 +160,7 @@ def search(
             say(console, f"{better.seconds:.1f} s: {figures}")
 
     with live if console.is_terminal else nullcontext():
-        return solution(job, solve_job(job, options, stop, progress))
+        return solution(job, solve_job(job, options, stop, progress), options.rules)
 
 
 def write_files(found: Solution, files: dict[str, Path], tell: Say) -> None:

@@ -38,7 +38,11 @@ def packed(
     """What `pack_wave` ends with, in this process."""
     found = pack_wave(jobs, options, stop, tell, fill)
     return [
-        solution(one.job, one) if isinstance(one, Progress) else str(one) if one else None
+        solution(one.job, one, options.rules)
+        if isinstance(one, Progress)
+        else str(one)
+        if one
+        else None
         for one in found
     ]
 

@@ -1,20 +1,26 @@
 """The rules of loads: what the check says of plans that keep them and of plans that just do not."""
 
 import itertools
+import json
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from job_files import BINS_3D, assert_refused, file_with, notes_of, read
 
+from jaxpack.check import main as check_main
 from jaxpack.errors import UserError
 from jaxpack.io.jobs import job_from_columns, read_job
+from jaxpack.io.order_files import read_orders
+from jaxpack.io.plans import read_plan_json, write_plan_json
 from jaxpack.model.box_check import Rule
 from jaxpack.model.encoding import load_job
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
 from jaxpack.model.objectives import bounds
+from jaxpack.model.orders import OrderFiles
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin, shelved
@@ -577,3 +583,43 @@ def test_bounds_hold_by_the_rules():
     assert bounds(replace(load, bins=(few,))).bins == 11
     apart = tuple(replace(item, limits=ItemLimits(apart="a")) for item in load.items)
     assert bounds(replace(load, items=apart)).bins == 32
+
+
+def test_a_plan_says_what_was_asked(tmp_path, capsys):
+    items = file_with(tmp_path, "items.csv", "X,Y,Z,STOP,NAME\n4,4,2,1,a\n4,4,2,,b\n")
+    bins = file_with(tmp_path, "bins.csv", "X,Y,Z,MAXIMUM_ITEMS\n10,8,6,2\n")
+    taken = file_with(tmp_path, "taken.csv", "X,Y,Z,LX,LY,LZ\n8,6,0,2,2,6\n")
+    (load,) = read_job(items, bins, obstacles=taken)
+    path, rules = tmp_path / "plan.json", Rules(0.25, rule="nearest-corner", gap=0.5, overhang=2)
+    write_plan_json(path, load, plan((-2, 0, 0), (2.5, 0, 0)), rules)
+    said = json.loads(path.read_text())
+    assert said["rules"] == {"support": 0.25, "gap": 0.5, "overhang": 2}
+    assert said["bins"][0]["limits"] == {
+        "most_items": 2,
+        "obstacles": [{"corner": [8, 6, 0], "size": [2, 2, 6]}],
+    }
+    assert [one.get("limits") for one in said["bins"][0]["items"]] == [{"stop": 1}, None]
+    assert read_plan_json(path, load) == plan((-2, 0, 0), (2.5, 0, 0))
+
+    def check(*options):
+        files = path, items, bins, "--obstacles", taken, *options
+        with suppress(SystemExit):
+            check_main([*map(str, files)])
+        return capsys.readouterr()
+
+    done = check()
+    assert done.out.startswith("valid: 1 bin, 2 items")
+    assert "made by: support 0.25, gap 0.5, overhang 2" in " ".join(done.err.split())
+    assert "0.5 from the item loaded as number 0 along x, not 0.6" in check("--gap", "0.6").out
+    said["rules"]["gab"] = 1
+    path.write_text(json.dumps(said))
+    with pytest.raises(UserError, match="key 'rules': 'gab' is not known: there are balance, "):
+        check()
+
+
+def test_a_job_with_limits_is_no_instance(tmp_path):
+    text = "ORDER,X,Y,Z,STACKABLE\na,3,4,5,0\n"
+    paths = [file_with(tmp_path, n, t) for n, t in (("o.csv", text), ("b.csv", BINS_3D))]
+    what = "columns of rules that instances do not have, such as STACKABLE"
+    assert_refused(lambda: read_orders(OrderFiles(*map(str, paths))), what)
+    assert read_orders(OrderFiles(*map(str, paths), ignore=("STACKABLE",)))

@@ -6,6 +6,7 @@ through all bins. Lengths and weights are in the job's units.
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,16 +25,23 @@ from jaxpack.io.texts import (
 )
 from jaxpack.model.figures import profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
+from jaxpack.model.limits import BinLimits, ItemLimits
 from jaxpack.model.numbers import as_number, as_size, fault, plain, show
 from jaxpack.model.objectives import named, objective_of
+from jaxpack.model.rules import Rules
 
 
-def write_plan_json(path: Path, job: Job, plan: Plan) -> None:
+def write_plan_json(path: Path, job: Job, plan: Plan, rules: Rules = Rules()) -> None:
     """Writes a plan with all that it says of the job, as `plan_json` has it."""
-    write_text(path, plan_json(job, plan))
+    write_text(path, plan_json(job, plan, rules))
 
 
-def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyType({})) -> str:
+def plan_json(
+    job: Job,
+    plan: Plan,
+    rules: Rules = Rules(),
+    about: Mapping[str, object] = MappingProxyType({}),
+) -> str:
     """A plan with all that it says of the job, as JSON: a line per bin and per item.
 
     Positions are front-bottom-left corners, sides and extents along x, y and z; a bin's fill is
@@ -43,6 +51,8 @@ def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyTy
     Args:
         job: what was packed.
         plan: of it.
+        rules: by which it was made; those that are not the usual ones are written, as are the
+            limits of items and bins.
         about: what else to say of it, before everything else.
     """
     loads: list[list[Step]] = [[] for _ in plan.bins]
@@ -60,6 +70,7 @@ def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyTy
             "cost": plain(kind.price),
             "weight": plain(math.fsum(step.item.weight for step in steps)),
             "fill": round(filled / math.prod(kind.size), 6),
+            **_said("limits", kind.limits),
         }
         items = [
             {
@@ -71,6 +82,7 @@ def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyTy
                 "orientation": step.placement.orientation,
                 "weight": plain(step.item.weight),
                 **({"profit": plain(float(profit_of(step.item)))} if profits else {}),
+                **_said("limits", step.item.limits),
             }
             for step in steps
         ]
@@ -84,8 +96,35 @@ def plan_json(job: Job, plan: Plan, about: Mapping[str, object] = MappingProxyTy
     head += f'"job": {json_line(job.name)},\n"dimension": {job.dimension}'
     if job.objective:
         head += f',\n"objective": {json_line(job.objective)}'
+    if own := _said("rules", replace(rules, rule=Rules.rule)):
+        head += f',\n"rules": {json_line(own["rules"])}'
     lists = f'"bins": {json_lines(bins, "  ")},\n"left_out": {json_lines(left_out, "  ")}'
     return f"{{\n{head},\n{lists}\n}}\n"
+
+
+def _said(name: str, what: Rules | ItemLimits | BinLimits) -> dict[str, Any]:
+    """What in it is not as it is by default, under that name; nothing if all is."""
+    if what == type(what)():
+        return {}
+    usual = asdict(type(what)())
+    return {name: {key: value for key, value in asdict(what).items() if value != usual[key]}}
+
+
+def plan_rules(path: Path) -> dict[str, Any]:
+    """Those of `Rules` by which a plan that `write_plan_json` wrote says that it was made.
+
+    Raises:
+        UserError: where it cannot be read, or there is no such rule.
+    """
+    data = read_json(path)
+    if not isinstance(data, dict) or "rules" not in data or "job" not in data:
+        return {}
+    where, rules = f"{path}: key 'rules'", member(data, "rules", dict, str(path))
+    known = {field.name for field in fields(Rules)} - {"rule"}
+    if unknown := [name for name in rules if name not in known]:
+        raise fault(where, f"{show(unknown[0])} is not known: there are {', '.join(sorted(known))}")
+    Rules(**rules).checked(lambda name: f"{where}, {name}")
+    return dict(rules)
 
 
 def plan_objective(path: Path) -> str:

@@ -183,6 +183,9 @@ def bin_of(jobs: Sequence[Job], files: OrderFiles) -> BinType:
             there, or where it has a limit that instances do not have.
     """
     where, kinds = files.bins or files.orders, list(dict.fromkeys(k for j in jobs for k in j.bins))
+    if any(job.limited for job in jobs):
+        what = "columns of rules that instances do not have, such as STACKABLE or MAXIMUM_ITEMS"
+        raise UserError(f"{where}: {what}: leave them out with --ignore, or use `jaxpack solve`")
     rows = [kind.where.split(" of ")[0].removeprefix("row ") for kind in kinds]
     called = {row: kind for row, kind in zip(rows, kinds, strict=True) if row}
     called |= {kind.name: kind for kind in reversed(kinds) if kind.name}

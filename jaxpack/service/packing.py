@@ -162,7 +162,7 @@ def _reply(
 
 def _plan(name: str, order: Asked, found: Progress) -> tuple[bytes, Page]:
     """The plan in JSON, with its id and what is known of it, and what its page is made of."""
-    solved = solution(order.job, found)
+    solved = solution(order.job, found, order.how.rules)
     job = levelled(order.job, found.plan)
     about = {
         "id": name,
@@ -174,5 +174,5 @@ def _plan(name: str, order: Asked, found: Progress) -> tuple[bytes, Page]:
         "notes": order.notes,
     }
     # Half a character, which JSON can name but UTF-8 cannot, stays its escape.
-    text = plan_json(job, found.plan, about).encode("utf-8", "backslashreplace")
+    text = plan_json(job, found.plan, order.how.rules, about).encode("utf-8", "backslashreplace")
     return text, Page(job.name or "Loading plan", shown_plan(job, found.plan))
