@@ -9,12 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from job_files import BINS_3D, assert_refused, file_with, notes_of, read
+from matplotlib import image
 
 from jaxpack.check import main as check_main
 from jaxpack.errors import UserError
 from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.io.order_files import read_orders
+from jaxpack.io.pictures import write_png
 from jaxpack.io.plans import read_plan_json, write_plan_json
+from jaxpack.io.viewer import shown_plan
 from jaxpack.model.box_check import Rule
 from jaxpack.model.encoding import load_job
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
@@ -623,3 +626,20 @@ def test_a_job_with_limits_is_no_instance(tmp_path):
     what = "columns of rules that instances do not have, such as STACKABLE"
     assert_refused(lambda: read_orders(OrderFiles(*map(str, paths))), what)
     assert read_orders(OrderFiles(*map(str, paths), ignore=("STACKABLE",)))
+
+
+def test_pictures_show_what_is_asked(tmp_path):
+    pillar = Obstacle((4, 3, 0), (2, 2, 5))
+    held = replace(BIN, limits=BinLimits(obstacles=(pillar,)))
+    limits = {"stop": 2, "group": "<b>", "stackable": False, "weight_above": 3.0}
+    load = job(((3, 3, 2), limits, 0), bins=(held,))
+    shown = json.loads(shown_plan(load, plan((-1, 0, 0))))
+    assert shown["types"][0]["limits"] == ["stop 2", "group <b>", "nothing on it", "carries 3"]
+    assert shown["bins"][0]["obstacles"] == [{"corner": [4, 3, 0], "size": [2, 2, 5]}]
+    write_png(tmp_path / "plan.png", load, plan((-1, 0, 0)))
+    red, grey = (
+        (np.abs(image.imread(tmp_path / "plan.png")[..., :3] - colour).max(-1) < 0.15).sum()
+        for colour in ((0.8, 0, 0), (0.47, 0.47, 0.47))
+    )
+    assert red > 20
+    assert grey > 100

@@ -20,6 +20,11 @@ from jaxpack.model.problem import Instance, Packing
 
 MOST_BINS = 30  # in one picture of a plan
 PER_ROW = 5
+OBSTACLE = "#77777780"
+EDGE: dict[str, Any] = {
+    "color": "#cc0000",
+    "linewidth": 2,
+}  # of the floor, where items reach out over it
 VIEWER = np.array([1, -1, 1])  # the signs of the direction in which the viewer of a solid bin is
 
 
@@ -80,14 +85,15 @@ def write_png(path: Path, job: Job, plan: Plan) -> None:
         axis.set_axis_off()
     for number, (axis, packed) in enumerate(zip(axes.flat, bins, strict=False)):
         kind = job.bins[packed.bin]
-        inside = packed.placements
+        inside, taken = packed.placements, kind.limits.obstacles
+        sizes = [job.items[p.item].turned(p.orientation) for p in inside]
         draw = _draw_flat if flat else _draw_solid
         draw(
             axis,
             np.array(kind.size),
-            np.array([placed.corner for placed in inside]).reshape(-1, 3),
-            np.array([job.items[p.item].turned(p.orientation) for p in inside]).reshape(-1, 3),
-            colours[[placed.item for placed in inside]],
+            np.array([p.corner for p in inside] + [o.corner for o in taken]).reshape(-1, 3),
+            np.array(sizes + [o.size for o in taken]).reshape(-1, 3),
+            np.array([*colours[[placed.item for placed in inside]], *(OBSTACLE for _ in taken)]),
         )
         name = f" ({_short(kind.name)})" if kind.name else ""
         text = f"bin {number}{name}: {fill(job, packed):.0%}"
@@ -137,8 +143,12 @@ def _draw_flat(
         color=colours,
         edgecolor="black",
         linewidth=0.6,
+        hatch=["///" if str(colour) == OBSTACLE else "" for colour in np.asarray(colours)],
     )
-    axis.set(xlim=(0, room[0]), ylim=(0, room[2]), aspect="equal", xticks=[], yticks=[])
+    low, high = _extent(room, corner, size)
+    if (low < 0).any() or (high > room).any():
+        axis.plot([0, room[0]], [0, 0], clip_on=False, **EDGE)
+    axis.set(xlim=(low[0], high[0]), ylim=(0, room[2]), aspect="equal", xticks=[], yticks=[])
 
 
 def _draw_solid(
@@ -156,11 +166,23 @@ def _draw_solid(
             shade=True,
             zorder=order,
         )
-    axis.set(xlim=(0, room[0]), ylim=(0, room[1]), zlim=(0, room[2]))
+    low, high = _extent(room, corner, size)
+    if (low < 0).any() or (high > room).any():
+        x, y = room[0] * np.array([0, 1, 1, 0, 0]), room[1] * np.array([0, 0, 1, 1, 0])
+        axis.plot(x, y, 0, zorder=-1, **EDGE)
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(0, room[2]))
     axis.set(xticks=[], yticks=[], zticks=[])
-    axis.set_box_aspect(room)
+    axis.set_box_aspect(high - low)
     axis.view_init(elev=28, azim=-55)
     axis.set_proj_type("ortho")
+
+
+def _extent(
+    room: np.ndarray, corner: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the bin and its items take up: from where to where."""
+    low, high = corner.min(0, initial=0), (corner + size).max(0, initial=0)
+    return np.minimum(low, 0), np.where(high > room * (1 + 1e-9), high, room)
 
 
 def _back_to_front(corner: np.ndarray, size: np.ndarray) -> list[int]:

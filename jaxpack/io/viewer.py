@@ -14,6 +14,7 @@ from jaxpack.io.atomic import replace_file
 from jaxpack.io.colours import item_colours
 from jaxpack.model.figures import fill
 from jaxpack.model.job import Job, PackedBin, Plan
+from jaxpack.model.limits import ItemLimits
 
 
 def write_html(path: Path, job: Job, plan: Plan, title: str = "") -> None:
@@ -64,7 +65,13 @@ def shown_of(job: Job, plan: Plan) -> dict[str, Any]:
     return {
         "flat": job.dimension == 2,
         "types": [
-            {"name": name, "size": item.size, "weight": item.weight, "color": colour}
+            {
+                "name": name,
+                "size": item.size,
+                "weight": item.weight,
+                "color": colour,
+                "limits": _told(item.limits),
+            }
             for name, item, colour in zip(names, job.items, item_colours(job), strict=True)
         ],
         "bins": [_shown_bin(job, packed) for packed in plan.bins],
@@ -72,11 +79,27 @@ def shown_of(job: Job, plan: Plan) -> dict[str, Any]:
     }
 
 
+def _told(limits: ItemLimits) -> list[str]:
+    """What is asked of an item, a line each."""
+    lines = {
+        f"stop {limits.stop}": limits.stop is not None,
+        f"group {limits.group}": limits.group,
+        f"apart {limits.apart}": limits.apart,
+        "on the floor": limits.floor,
+        "nothing on it": not limits.stackable,
+        f"carries {limits.weight_above:.13g}": limits.weight_above < math.inf,
+        f"in stacks of {limits.most_in_stack}": limits.most_in_stack,
+        f"stack id {limits.stack_id}": limits.stack_id,
+    }
+    return [line for line, asked in lines.items() if asked]
+
+
 def _shown_bin(job: Job, packed: PackedBin) -> dict[str, Any]:
     kind = job.bins[packed.bin]
     return {
         "type": kind.name or f"type {packed.bin}",
         "size": kind.size,
+        "obstacles": [{"corner": one.corner, "size": one.size} for one in kind.limits.obstacles],
         "fill": fill(job, packed),
         "weight": sum(job.items[placed.item].weight for placed in packed.placements),
         "maxWeight": kind.max_weight if math.isfinite(kind.max_weight) else None,
