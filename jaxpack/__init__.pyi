@@ -24,6 +24,9 @@ from jaxpack.model.job import Job as Job
 from jaxpack.model.job import PackedBin as PackedBin
 from jaxpack.model.job import Placement as Placement
 from jaxpack.model.job import Plan as Plan
+from jaxpack.model.limits import BinLimits as BinLimits
+from jaxpack.model.limits import ItemLimits as ItemLimits
+from jaxpack.model.limits import Obstacle as Obstacle
 from jaxpack.model.packing_check import check_packings as check_packings
 from jaxpack.model.plan_check import InvalidPlanError as InvalidPlanError
 from jaxpack.model.plan_check import check_plan as check_plan

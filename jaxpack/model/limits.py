@@ -52,7 +52,7 @@ class Obstacle:
     """A part of a bin that is taken. Items may lie on it."""
 
     corner: Sides  # the one nearest to the origin
-    size: Sides
+    size: Sides  # along x, y and z
 
     def checked(self, where: str, room: Sides, dimension: int) -> "Obstacle":
         """The same, if it is a box within a bin of those sides; otherwise a UserError."""
@@ -108,9 +108,8 @@ class BinLimits:
     """What is asked of every bin of a type. `Job` checks them."""
 
     most_items: int | None = None  # in one of them
-    obstacles: tuple[Obstacle, ...] = ()
-    overhang: float = 0.0
-    """How far items may reach over the edges of its floor: what bounds are told of the rules."""
+    obstacles: tuple[Obstacle, ...] = ()  # of which none overlap
+    overhang: float = 0.0  # `Rules.overhang`, for bounds alone, which know no rules
 
     def checked(self, where: str, room: Sides, dimension: int) -> "BinLimits":
         """The same, if all are of their type and in their range; otherwise a UserError."""
