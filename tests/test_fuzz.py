@@ -67,7 +67,14 @@ def plan_text(job, plan):
         return (Path(folder) / "plan.json").read_bytes()
 
 
-TABLES = [text.encode() for text in (ITEMS_2D, ITEMS_3D, BINS_2D, BINS_3D, LOCAL, CALLED, FOREIGN)]
+LIMITED = (
+    "X,Y,Z,MAXIMUM_WEIGHT_ABOVE,STACKABLE,MAXIMUM_STACKABILITY,STACKABILITY_ID,GROUP,APART,STOP,FLOOR"
+    "\n3,4,5,1.5,0,2,1,a,b,1,1\n3,4,5,inf,,,,,,,\n"
+)
+TABLES = [
+    text.encode()
+    for text in (ITEMS_2D, ITEMS_3D, BINS_2D, BINS_3D, LOCAL, CALLED, FOREIGN, LIMITED)
+]
 TABLES += [ITEMS_3D.encode("utf-16"), "X;Y;Z;NAME\n3;4;5;Größe\n".encode("cp1252")]
 SOURCES = {  # name of the file -> what is in it before it is changed
     "a.csv": TABLES,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from job_files import BINS_3D, assert_refused, file_with, notes_of, read
 from matplotlib import image
+from plain_rules import heap, plain_rules
 
 from jaxpack.check import main as check_main
 from jaxpack.errors import UserError
@@ -30,6 +31,9 @@ from jaxpack.model.shelves import fits_one_bin, shelved
 from jaxpack.model.violations import sentence
 from jaxpack.rule_flags import flag
 from jaxpack.search.portfolio import SolveOptions
+from jaxpack.service.limits import Limits
+from jaxpack.service.orders import read_request
+from jaxpack.service.problems import Problem
 from jaxpack.solution import checked_options
 
 BIN = BinType((10, 8, 6))
@@ -643,3 +647,73 @@ def test_pictures_show_what_is_asked(tmp_path):
     )
     assert red > 20
     assert grey > 100
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_random_heaps_are_as_a_plain_check_finds_them(seed):
+    random = np.random.default_rng(seed)
+    side = 8
+
+    def maybe(value, otherwise):
+        return value if random.random() < 0.3 else otherwise
+
+    arch = Obstacle((0, 0, 0), (3, 3, 1)) if seed % 2 else None
+    limits = BinLimits(maybe(9, None), (arch,) if arch else ())
+    kind = BinType((side, side, 99), limits=limits)
+    items, loads = [], []
+    for _ in range(2):
+        placed = []
+        for corner, size in heap(random, 12, side, 4):
+            if arch and all(c < 3 for c in corner[:2]):
+                corner = (*corner[:2], corner[2] + 1)
+            own = ItemLimits(
+                weight_above=float(maybe(random.integers(5), math.inf)),
+                stackable=bool(maybe(False, True)),
+                most_in_stack=maybe(int(random.integers(1, 4)), None),
+                stack_id=int(maybe(1, 0)),
+                apart=maybe("a", ""),
+                stop=maybe(int(random.integers(1, 4)), None),
+                floor=bool(maybe(True, False)),
+            )
+            placed.append(Placement(len(items), "XYZ", corner))
+            items.append(ItemType(size, weight=float(random.integers(4) * (seed % 3)), limits=own))
+        loads.append(PackedBin(0, tuple(placed)))
+    load, heaps = Job(tuple(items), (kind,)), Plan(tuple(loads))
+    rules = {
+        "gap": float(random.integers(2)),
+        "door": str(random.choice(["", "x"])),
+        "balance": maybe(0.1, None),
+        "heavy_below": bool(random.integers(2)),
+    }
+    geometry = {Rule.OVERLAP, Rule.BLOCKED, Rule.FLOATING, Rule.SUPPORT, Rule.OUTSIDE}
+    found = {
+        (one.rule, one.bin) if one.turn is None else (one.rule, one.bin, one.turn)
+        for one in plan_violations(load, heaps, Rules(support=0, inclusive=True, **rules))
+        if one.rule not in geometry
+    }
+    assert found == plain_rules(load, heaps, **rules)
+    assert found
+
+
+def test_a_service_is_asked_for_rules():
+    cube = {"X": 2, "Y": 2, "Z": 2, "STOP": 1}
+    taken = {"X": 0, "Y": 0, "Z": 0, "LX": 1, "LY": 1, "LZ": 1}
+    order = {
+        "items": [cube],
+        "bins": [{"X": 9, "Y": 9, "Z": 9, "MAXIMUM_ITEMS": 3}],
+        "obstacles": [taken],
+        "options": {"gap": 0.5, "overhang": 1, "door": "x", "balance": 0.5, "heavy_below": True},
+    }
+    (asked,) = read_request(False, json.dumps(order).encode(), Limits())
+    assert asked.how.rules == Rules(gap=0.5, overhang=1, door="x", balance=0.5, heavy_below=True)
+    assert asked.job.items[0].limits == ItemLimits(stop=1)
+    assert asked.job.bins[0].limits == BinLimits(3, (Obstacle((0, 0, 0), (1, 1, 1)),))
+    shared = {**order, "orders": [{"items": [cube]}, {"items": [cube], "obstacles": []}]}
+    del shared["items"]
+    one, other = read_request(True, json.dumps(shared).encode(), Limits())
+    assert one.job == asked.job
+    assert "obstacles" in json.loads(other.body)["detail"]
+    order["options"] = {"gap": -1}
+    with pytest.raises(Problem) as problem:
+        read_request(False, json.dumps(order).encode(), Limits())
+    assert json.loads(problem.value.body)["detail"] == "gap -1: give a length, 0 or more"
