@@ -44,6 +44,7 @@ def shelved(
     """
     if kind.limits.obstacles or kind.open or rules.balance is not None:
         return None
+    items = [index for index in items if job.items[index].copies]
     types, room = [job.items[index] for index in items], _lengths(kind.size)
     apart = [one.limits.apart for one in types for _ in range(one.copies) if one.limits.apart]
     most, weight = kind.limits.most_items, sum(exact(one.weight) * one.copies for one in types)
