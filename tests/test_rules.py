@@ -62,7 +62,7 @@ def plan(*corners, bin=None):
 
 def broken(job, plan, **rules):
     """(rule, item, amount) of all that is found, each of which can be said."""
-    found = list(plan_violations(job, plan, Rules(**rules)))
+    found = list(plan_violations(job, plan, Rules(**{"stability": "share", **rules})))
     assert all(sentence(one, job).isprintable() for one in found)
     return [(one.rule, one.item, one.amount) for one in found]
 
@@ -598,7 +598,7 @@ def test_a_plan_says_what_was_asked(tmp_path, capsys):
     taken = file_with(tmp_path, "taken.csv", "X,Y,Z,LX,LY,LZ\n8,6,0,2,2,6\n")
     (load,) = read_job(items, bins, obstacles=taken)
     path, rules = tmp_path / "plan.json", Rules(0.25, rule="nearest-corner", gap=0.5, overhang=2)
-    write_plan_json(path, load, plan((-2, 0, 0), (2.5, 0, 0)), rules)
+    write_plan_json(path, load, plan((-1.5, 0, 0), (3, 0, 0)), rules)
     said = json.loads(path.read_text())
     assert said["rules"] == {"support": 0.25, "gap": 0.5, "overhang": 2}
     assert said["bins"][0]["limits"] == {
@@ -606,7 +606,7 @@ def test_a_plan_says_what_was_asked(tmp_path, capsys):
         "obstacles": [{"corner": [8, 6, 0], "size": [2, 2, 6]}],
     }
     assert [one.get("limits") for one in said["bins"][0]["items"]] == [{"stop": 1}, None]
-    assert read_plan_json(path, load) == plan((-2, 0, 0), (2.5, 0, 0))
+    assert read_plan_json(path, load) == plan((-1.5, 0, 0), (3, 0, 0))
 
     def check(*options):
         files = path, items, bins, "--obstacles", taken, *options
