@@ -100,23 +100,7 @@ def read_job(
         raise fault(
             items, f"files '{kind}' are not known: give .csv, .xlsx, .parquet, .ins2D or .json"
         )
-    given = None
-    if bins is not None:
-        read = understand(read_table(bins, say), BINS, reading)
-        check_ignored(reading, read)
-        given = bin_types(read, 2 if kind == ".ins2d" else 3, Fraction(1), reading)
-    else:
-        check_ignored(reading)
-    if kind == ".ins2d":
-        jobs = [read_ins2d(items, given, reading)]
-    else:
-        jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None, bad=bad)
-        jobs = [replace(job, objective=objective) for job in jobs] if objective else jobs
-    if given is not None or taken is None:
-        return jobs
-    return [
-        replace(job, bins=with_obstacles(job.bins, taken, job.dimension, say=say)) for job in jobs
-    ]
+    return _others(items, bins, reading, bad)
 
 
 def job_from_columns(
@@ -230,6 +214,28 @@ def _part(table: Table, lines: slice) -> Table:
 def _capitals(names: str | Sequence[str]) -> frozenset[str]:
     names = [names] if isinstance(names, str) else names
     return frozenset(" ".join(name.upper().split()) for name in names)
+
+
+def _others(items: Path, bins: Path | None, reading: Reading, bad: Bad | None) -> list[Job]:
+    """The jobs of a file that has bins of its own, which those of a table replace."""
+    kind, goal, taken, say = items.suffix.lower(), reading.objective, reading.obstacles, reading.say
+    given = None
+    if bins is not None:
+        read = understand(read_table(bins, say), BINS, reading)
+        check_ignored(reading, read)
+        given = bin_types(read, 2 if kind == ".ins2d" else 3, Fraction(1), reading)
+    else:
+        check_ignored(reading)
+    if kind == ".ins2d":
+        jobs = [read_ins2d(items, given, reading)]
+    else:
+        jobs = read_orders(items, given, copies=1 if reading.goal.leaves_out else None, bad=bad)
+        jobs = [replace(job, objective=goal) for job in jobs] if goal else jobs
+    if given is not None or taken is None:
+        return jobs
+    return [
+        replace(job, bins=with_obstacles(job.bins, taken, job.dimension, say=say)) for job in jobs
+    ]
 
 
 def _jobs(

@@ -72,20 +72,7 @@ def plan_json(
             "fill": round(filled / math.prod(kind.size), 6),
             **_said("limits", kind.limits),
         }
-        items = [
-            {
-                "step": step.number,
-                "item": step.placement.item,
-                "name": step.item.name,
-                "position": sides_of(step.placement.corner),
-                "extent": sides_of(step.extent),
-                "orientation": step.placement.orientation,
-                "weight": plain(step.item.weight),
-                **({"profit": plain(float(profit_of(step.item)))} if profits else {}),
-                **_said("limits", step.item.limits),
-            }
-            for step in steps
-        ]
+        items = [_item_row(step, profits) for step in steps]
         if profits:
             summary["profit"] = plain(float(sum(profit_of(step.item) for step in steps)))
         bins.append(
@@ -100,6 +87,20 @@ def plan_json(
         head += f',\n"rules": {json_line(own["rules"])}'
     lists = f'"bins": {json_lines(bins, "  ")},\n"left_out": {json_lines(left_out, "  ")}'
     return f"{{\n{head},\n{lists}\n}}\n"
+
+
+def _item_row(step: Step, profits: bool) -> dict[str, Any]:
+    return {
+        "step": step.number,
+        "item": step.placement.item,
+        "name": step.item.name,
+        "position": sides_of(step.placement.corner),
+        "extent": sides_of(step.extent),
+        "orientation": step.placement.orientation,
+        "weight": plain(step.item.weight),
+        **({"profit": plain(float(profit_of(step.item)))} if profits else {}),
+        **_said("limits", step.item.limits),
+    }
 
 
 def _said(name: str, what: Rules | ItemLimits | BinLimits) -> dict[str, Any]:
