@@ -35,6 +35,8 @@ from jaxpack.model.violations import sentence
 #   bin 0   z=0.3-0.4  0 0 0 . . .      item 0: 0.3 x 0.3 x 0.1, three of them
 #           z=0.1-0.3  1 1 1 1 1 1      item 1: 0.6 x 0.3 x 0.2, may be turned flat
 #           z=0.0-0.1  0 0 0 0 0 0      item 2: 0.2 x 0.2 x 0.5, alone in bin 1
+SHARE = Rules(stability="share")  # the share of a base is all that carries
+
 JOB = Job(
     items=(
         ItemType((0.3, 0.3, 0.1), copies=3, weight=0.1),
@@ -58,7 +60,10 @@ PLAN = Plan((PackedBin(0, FIRST), PackedBin(1, SECOND)))
 
 def found(plan=PLAN, job=JOB, **rules):
     """What is found, in words."""
-    return [sentence(violation) for violation in plan_violations(job, plan, Rules(**rules))]
+    return [
+        sentence(violation)
+        for violation in plan_violations(job, plan, Rules(**rules, stability="share"))
+    ]
 
 
 def moved(turn, *corner, orientation="XYZ"):
@@ -75,10 +80,12 @@ def with_first(*placements, kind=0):
 def test_the_plan_by_hand_is_valid():
     assert found() == []
     assert found(support=1.0) == []
-    check_plan(JOB, PLAN)
-    check_plan(JOB, moved(3, 0.3, 0.0, 0.3))
+    check_plan(JOB, PLAN, SHARE)
+    check_plan(JOB, moved(3, 0.3, 0.0, 0.3), SHARE)
     turned = moved(2, 0, 0, 0.1, orientation="YXZ").bins[0].placements[:3]
-    check_plan(JOB, replace(with_first(*turned), left_out=(0,)), Rules(inclusive=True))
+    check_plan(
+        JOB, replace(with_first(*turned), left_out=(0,)), Rules(inclusive=True, stability="share")
+    )
 
 
 def named(plan, turn, rule):
@@ -142,7 +149,7 @@ def test_a_changed_place_is_reported(change, plan, expected):
     messages = [named(plan, turn, rule) for turn, rule in expected]
     assert found(plan) == messages, change
     with pytest.raises(InvalidPlanError) as error:
-        check_plan(JOB, plan)
+        check_plan(JOB, plan, SHARE)
     assert str(error.value) == "; ".join(messages)
 
 
@@ -436,7 +443,7 @@ def test_it_finds_what_a_plain_check_finds(flat, step, faults):
     for _ in range(40):
         job, plan = random_plan(random, flat, step, faults)
         share, inclusive = random.choice([0, 1 / 3, 0.5, 0.75, 1]), bool(random.integers(2))
-        records = list(plan_violations(job, plan, Rules(share, inclusive)))
+        records = list(plan_violations(job, plan, Rules(share, inclusive, stability="share")))
         wanted = plain_check(job, plan, exact(share), inclusive)
         assert sorted(map(as_plain, records), key=repr) == wanted, (job, plan, share, inclusive)
         rules.update(record.rule for record in records)
@@ -532,13 +539,13 @@ def test_large_plans_take_a_moment_and_little_memory(name):
     taken = []
     while len(taken) < 3 and min(taken, default=seconds) >= seconds:  # there is other work too
         begun = time.process_time()
-        rules = Counter(violation.rule for violation in plan_violations(job, plan))
+        rules = Counter(violation.rule for violation in plan_violations(job, plan, SHARE))
         taken.append(time.process_time() - begun)
     assert rules == wanted
     assert min(taken) < seconds
     tracemalloc.start()
     try:
-        assert bool(list(plan_violations(job, plan))) == bool(wanted)
+        assert bool(list(plan_violations(job, plan, SHARE))) == bool(wanted)
         assert tracemalloc.get_traced_memory()[1] < 200e6
     finally:
         tracemalloc.stop()

@@ -12,6 +12,9 @@ from jaxpack.model.box_check import Rule
 from jaxpack.model.exact import clean, exact
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
 from jaxpack.model.plan_check import InvalidPlanError, check_plan, plan_violations
+from jaxpack.model.rules import Rules
+
+SHARE = Rules(stability="share")  # the share of a base is all that carries
 
 UPRIGHT = ("XYZ", "YXZ")
 
@@ -65,7 +68,9 @@ def weight(job, packed):
 def without_falling(job, plan):
     """The job and plan without the items that rest on too little, from below upwards."""
     while True:
-        rules = [v for v in plan_violations(job, plan) if v.rule in (Rule.SUPPORT, Rule.FLOATING)]
+        rules = [
+            v for v in plan_violations(job, plan, SHARE) if v.rule in (Rule.SUPPORT, Rule.FLOATING)
+        ]
         if not rules:
             return job, plan
         fallen = {(violation.bin, violation.turn) for violation in rules}
@@ -98,7 +103,7 @@ def case(request):
     """A job and a valid plan of more than two layers and bins."""
     job, plan = shelf_plan(*request.param)
     assert plain_check(job, plan, Fraction(1, 2), False) == []
-    check_plan(job, plan)
+    check_plan(job, plan, SHARE)
     assert len(plan.bins) == 3
     assert all(len({put.corner[2] for put in packed.placements}) == 3 for packed in plan.bins)
     return job, plan
@@ -119,11 +124,11 @@ def with_puts(plan, number, puts):
 
 def assert_found(job, plan, *wanted):
     """Each (rule, bin, turn) is reported and the plan refused."""
-    records = list(plan_violations(job, plan))
+    records = list(plan_violations(job, plan, SHARE))
     found = {(record.rule, record.bin, record.turn) for record in records}
     assert set(wanted) <= found, (wanted, found)
     with pytest.raises(InvalidPlanError):
-        check_plan(job, plan)
+        check_plan(job, plan, SHARE)
 
 
 def some_items(plan):
@@ -252,7 +257,7 @@ def test_an_item_over_the_edge_has_too_little_support():
             places = (Placement(0, "XYZ", (0, y, 0)), Placement(1, "XYZ", (x, y, 10)))
             plan = Plan((PackedBin(0, places),))
             if fine:
-                check_plan(job, plan)
+                check_plan(job, plan, SHARE)
             else:
                 assert_found(job, plan, (Rule.SUPPORT, 0, 1))
 
@@ -301,7 +306,7 @@ def test_a_billionth_over_the_limit_is_too_heavy(case):
             kinds = list(job.bins)
             limit = clean(weight(job, packed) - over * 1e-9)
             kinds[number] = replace(kinds[number], max_weight=limit)
-            records = list(plan_violations(replace(job, bins=tuple(kinds)), plan))
+            records = list(plan_violations(replace(job, bins=tuple(kinds)), plan, SHARE))
             assert [(one.rule, one.bin) for one in records] == [(Rule.WEIGHT, number)] * over
 
 
@@ -334,7 +339,7 @@ def test_an_orientation_that_is_not_allowed_is_found(case):
 )
 def test_what_names_nothing_is_unknown(case, change):
     job, plan = case
-    records = list(plan_violations(job, damaged(plan, 1, 2, **change)))
+    records = list(plan_violations(job, damaged(plan, 1, 2, **change), SHARE))
     assert [(record.rule, record.bin, record.turn) for record in records] == [(Rule.UNKNOWN, 1, 2)]
 
 
@@ -342,5 +347,5 @@ def test_what_names_nothing_is_unknown(case, change):
 def test_a_bin_of_no_type_is_unknown(case, bin):
     job, plan = case
     bins = (replace(plan.bins[0], bin=bin), *plan.bins[1:])
-    records = list(plan_violations(job, replace(plan, bins=bins)))
+    records = list(plan_violations(job, replace(plan, bins=bins), SHARE))
     assert [(record.rule, record.bin) for record in records] == [(Rule.UNKNOWN, 0)]
