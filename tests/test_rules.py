@@ -215,6 +215,13 @@ def test_gap_in_2d():
     assert (Rule.BLOCKED, 1, pytest.approx(4.15)) in broken(load, lower, gap=0.1)
 
 
+def test_an_obstacle_is_firm_wherever_it_is():
+    shelf, bracket = Obstacle((0, 0, 2), (6, 8, 1)), Obstacle((0, 0, 0), (1, 8, 2))
+    load = job(((2, 2, 1),), bins=(replace(BIN, limits=BinLimits(obstacles=(bracket, shelf))),))
+    for stability in ("centre", "static"):
+        assert broken(load, plan((4, 0, 3)), stability=stability) == []
+
+
 def test_overhang():
     load = job(((4, 4, 2),))
     for at in ((-1, -1, 0), (7, 5, 0)):
@@ -225,6 +232,20 @@ def test_overhang():
     assert broken(load, plan((-2, 0, 0)), overhang=2) == [(Rule.SUPPORT, 0, 0)]
     assert broken(load, plan((-2, 0, 0)), overhang=2, inclusive=True) == []
     assert broken(load, plan((-4, 0, 0)), overhang=4, support=0) == [(Rule.FLOATING, 0, 0)]
+    # By the middle, with a margin of a 64th: what lies on it, over the edge, is not on firm ground.
+    for x, stands in ((-1.9, True), (-1.95, False)):
+        for stability in ("centre", "static"):
+            rules = {"overhang": 2, "support": 0.1, "stability": stability}
+            found = [rule for rule, *_ in broken(load, plan((x, 0, 0)), **rules)]
+            assert found == ([] if stands or stability == "static" else [Rule.CENTRE])
+    two = job(((4, 4, 2),), ((1.5, 4, 2),))
+    load_on_edge = plan((-1.5, 0, 0), (-1.5, 0, 2))
+    rules = {"overhang": 2, "support": 0.1}
+    assert [r for r, *_ in broken(two, load_on_edge, **rules, stability="centre")] == [Rule.CENTRE]
+    assert broken(two, load_on_edge, **rules, stability="static") == []
+    far_out = [rule for rule, *_ in broken(load, plan((-2.1, 0, 0)), overhang=3, support=0.1,
+                                           stability="static")]  # fmt: skip
+    assert far_out == [Rule.STATIC]
     flat = job(((4, 1, 2),), bins=(BinType((10, 1, 6)),), dimension=2)
     assert broken(flat, plan((-1, 0, 0)), overhang=1) == []
     assert broken(flat, plan((0, -1, 0)), overhang=1)[0] == (Rule.OUTSIDE, 0, 1)
@@ -688,7 +709,7 @@ def test_random_heaps_are_as_a_plain_check_finds_them(seed):
     geometry = {Rule.OVERLAP, Rule.BLOCKED, Rule.FLOATING, Rule.SUPPORT, Rule.OUTSIDE}
     found = {
         (one.rule, one.bin) if one.turn is None else (one.rule, one.bin, one.turn)
-        for one in plan_violations(load, heaps, Rules(support=0, inclusive=True, **rules))
+        for one in plan_violations(load, heaps, Rules(0, True, stability="share", **rules))
         if one.rule not in geometry
     }
     assert found == plain_rules(load, heaps, **rules)

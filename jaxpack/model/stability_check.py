@@ -42,7 +42,7 @@ class _Contacts(NamedTuple):
     high: np.ndarray  # float [p, 2]
 
 
-def off_centre(boxes: Boxes) -> Iterator[Tipping]:
+def off_centre(boxes: Boxes, fixed: np.ndarray) -> Iterator[Tipping]:
     """Boxes whose centre is not inside the firm part of what they lie on, by row.
 
     The amount is how far it would have to move, as a share of the box's side; infinite where
@@ -51,11 +51,12 @@ def off_centre(boxes: Boxes) -> Iterator[Tipping]:
 
     Args:
         boxes: see there. In 2D y is one layer, the same for all.
+        fixed: bool [n], those that are as firm as the floor wherever they are.
     """
-    return _off_centre(boxes, _contacts(boxes))
+    return _off_centre(boxes, _contacts(boxes, fixed))
 
 
-def unbalanced(boxes: Boxes, weights: np.ndarray) -> Iterator[Tipping]:
+def unbalanced(boxes: Boxes, weights: np.ndarray, fixed: np.ndarray) -> Iterator[Tipping]:
     """Of every stack that no forces hold the box that lacks the largest moment.
 
     A stack is what hangs together above the ground. The amount is that moment as a share of the
@@ -64,11 +65,12 @@ def unbalanced(boxes: Boxes, weights: np.ndarray) -> Iterator[Tipping]:
     Args:
         boxes: see there.
         weights: float [n], at least 0; of a box in its centre.
+        fixed: see `off_centre`.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    contacts = _contacts(boxes)
+    contacts = _contacts(boxes, fixed)
     suspects = [tipping.row for tipping in _off_centre(boxes, contacts)]
     inner, count = contacts.under >= 0, len(boxes.bin)
     ends = contacts.row[inner], contacts.under[inner]
@@ -85,13 +87,13 @@ def unbalanced(boxes: Boxes, weights: np.ndarray) -> Iterator[Tipping]:
             yield Tipping(int(rows[at]), axis, float(lacking[axis, at]))
 
 
-def _contacts(boxes: Boxes) -> _Contacts:
+def _contacts(boxes: Boxes, fixed: np.ndarray) -> _Contacts:
     """Those of the boxes that are not ground: a corner or a contact of theirs is not on ground."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order
 
     count = len(boxes.bin)
-    lifted = np.flatnonzero((boxes.low[:, 2] > 0).astype(bool))
+    lifted = np.flatnonzero((boxes.low[:, 2] > 0).astype(bool) & ~fixed)
     touching = Ranked(boxes).touching(lifted) if len(lifted) else ()
     of, under = np.hstack([np.empty((2, 0), int), *map(np.array, touching)])
     row = lifted[of]

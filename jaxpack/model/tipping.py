@@ -42,13 +42,14 @@ def _tipping(job: Job, rules: Rules, laid: Laid) -> Iterator[Tipping]:
     boxes, floors = laid.carrying, 0
     if any(laid.reach):  # the floor ends before the items do: it is a box then
         boxes, floors = _with_floors(boxes)
+    fixed = np.concatenate([np.ones(floors, bool), laid.item < 0])
     if rules.stability == "centre":
-        found = off_centre(boxes)
+        found = off_centre(boxes, fixed)
     else:
         weights = np.array([job.items[item].weight if item >= 0 else 0 for item in laid.item])
         if not any(item.weight for item in job.items):
             weights = (boxes.high - boxes.low)[floors:].astype(float).prod(1)
-        found = unbalanced(boxes, np.concatenate([np.zeros(floors), weights]))
+        found = unbalanced(boxes, np.concatenate([np.zeros(floors), weights]), fixed)
     for one in found:
         if one.row >= floors:
             yield one._replace(row=one.row - floors)
