@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpack.errors import UserError
+from jaxpack.model.asked import Asked, asked_of
 from jaxpack.model.bounds import most_profit
 from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import apart_message, unfit_message
@@ -70,6 +71,16 @@ class Loading:
     def flat(self) -> bool:
         """2D."""
         return self.job.dimension == 2
+
+    @property
+    def ruled(self) -> bool:
+        """Whether more is asked than that bins hold their items, which are carried."""
+        return self.job.limited or not self.rules.plain
+
+    @cached_property
+    def asked(self) -> Asked:
+        """What that is."""
+        return asked_of(self.job, self.rules, self.units.length)
 
 
 def load_job(
@@ -229,8 +240,10 @@ def padded_genes(genes: Genes, items: int, bins: int) -> Genes:
 
 def compiles(loading: Loading) -> bool:
     """Whether there is a compiled search for the job: for one of not very many items, in all and in
-    a bin, whose time and memory grow with the square of it.
+    a bin, whose time and memory grow with the square of it, and without rules of its own.
     """
+    if loading.ruled:
+        return False
     most = MOST_ITEMS if loading.flat else MOST_TOGETHER
     return len(loading.items) <= MOST_ITEMS and most_together(loading.stock) <= most
 

@@ -168,7 +168,7 @@ def _cost(kinds: Kinds, bins: list[Filled]) -> float:
 
 def has_values(loading: Loading) -> bool:
     """Whether bins can be filled by value: the objective and the rule are of the kind, corners may
-    stand anywhere, areas have 32 bits, and there are not too many items.
+    stand anywhere, areas have 32 bits, there are not too many items and no rules of their own.
     """
     stock = loading.stock
     return (
@@ -177,6 +177,7 @@ def has_values(loading: Loading) -> bool:
         and int(stock.step) == 1
         and stock.needed.dtype == np.int32
         and len(stock.mask) <= MOST_ITEMS
+        and not loading.ruled
     )
 
 

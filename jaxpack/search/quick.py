@@ -16,6 +16,7 @@ from jaxpack.packing.rules import RULES, Rule, rule_named
 from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
 from jaxpack.search.local_search import Best
+from jaxpack.search.ruled import pack_by_rules
 
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
@@ -34,13 +35,15 @@ class Run(NamedTuple):
 
 def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Best:
     """The packing of one lane; what is left when `stop` says so stands in columns."""
+    if loading.ruled:
+        return _best(loading, *pack_by_rules(loading, genes, stop, whole=True))
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
         if loading.objective.open_bin:
             genes = _low_columns(loading, genes, bin, corner)
         else:
             genes = stand_in_columns(loading, genes, bin, corner)
-    return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
+    return _best(loading, genes, bin, corner)
 
 
 def _low_columns(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Genes:
@@ -236,8 +239,15 @@ def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray)
 
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
-    bin, corner = pack_quickly(loading, genes, stop)
-    return None if stop() else Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
+    if loading.ruled:
+        packing = pack_by_rules(loading, genes, stop, whole=False)
+    else:
+        packing = genes, *pack_quickly(loading, genes, stop)
+    return None if stop() else _best(loading, *packing)
+
+
+def _best(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray) -> Best:
+    return Best(genes, bin, corner, cost_of(loading, genes, bin, corner))
 
 
 def _changed(

@@ -1,0 +1,261 @@
+"""A bin that is being loaded, as a list of boxes: where an item may stand by all of its rules."""
+
+from collections.abc import Callable, Iterator
+from functools import cached_property
+
+import numpy as np
+
+from jaxpack.model.encoding import Loading
+from jaxpack.packing.rules import RULES, Positions, rule_named
+
+FIRST, MORE = 32, 8  # places that are looked at first, and how many times as many after them
+PAIRS = 2**19  # places times boxes that are looked at together
+
+
+class Places:
+    """C places of one item, and how it would lie there among the B boxes of a bin."""
+
+    def __init__(self, load: "Load", item: int, low: np.ndarray, size: np.ndarray) -> None:
+        """Of an item type, with corners [3, C] and sides [3], units."""
+        self.load, self.item, self.low = load, item, low
+        self.high = low + size[:, None]
+
+    @cached_property
+    def along(self) -> np.ndarray:
+        """int64 [2, C, B], lengths that footprints share along x and y, less than 0 if apart."""
+        load, n = self.load, self.load.count
+        ends = np.minimum(self.high[:2, :, None], load.high[:2, None, :n])
+        ends -= np.maximum(self.low[:2, :, None], load.low[:2, None, :n])
+        return ends
+
+    @cached_property
+    def over(self) -> np.ndarray:
+        """bool [C, B], whether footprints share area: it stands above all that they do with."""
+        along = self.along
+        over: np.ndarray = (along[0] > 0) & (along[1] > 0)
+        return over
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """int64 [C, B], of its base that lies on each of them."""
+        lies = self.over & (self.load.rest[: self.load.count] == self.low[2][:, None])
+        area: np.ndarray = self.along[0] * self.along[1] * lies
+        return area
+
+    def pick(self, number: int) -> "Places":
+        """One of them alone."""
+        one = slice(number, number + 1)
+        return Places(self.load, self.item, self.low[:, one], (self.high - self.low)[:, 0])
+
+
+class BoxRule:
+    """A rule in one bin: it says where an item may stand, and keeps what it has to know."""
+
+    def __init__(self, load: "Load") -> None:
+        self.load = load
+
+    @staticmethod
+    def asked(loading: Loading) -> bool:
+        """Whether the job asks for it."""
+        raise NotImplementedError
+
+    def allows(self, at: Places, needed: int) -> np.ndarray:
+        """bool [C]; `needed` is the area of the base that has to be carried."""
+        raise NotImplementedError
+
+    def add(self, at: Places) -> None:
+        """Takes note of an item at the one place, which becomes box number `load.count`."""
+
+
+class Load:
+    """What lies in one bin: the floor, the obstacles, then the items as they were loaded."""
+
+    def __init__(self, loading: Loading, slot: int, rules: list[type[BoxRule]], most: int) -> None:
+        """An empty bin, the one in that slot, for so many items at most."""
+        self.loading, self.asked, self.slot = loading, loading.asked, slot
+        self.kind, stock = int(loading.bins[slot]), loading.stock
+        self.room = stock.bins[slot].astype(np.int64)
+        taken = self.asked.obstacles[self.kind]
+        self.fixed = self.count = 1 + len(taken)
+        size = self.fixed + most
+        self.low, self.high = np.zeros((3, size), np.int64), np.zeros((3, size), np.int64)
+        self.rest = np.zeros(size, np.int64)  # where the base is of what lies on it
+        self.item = np.full(size, -1)  # item type, -1 for what is none
+        self.rows = list[int]()  # of the stock
+        self.low[2, 0], self.high[:2, 0] = -1, self.room[:2]
+        self.low[:, 1 : self.fixed], self.high[:, 1 : self.fixed] = taken[:, 0].T, taken[:, 1].T
+        self.rest[: self.fixed] = self.high[2, : self.fixed]
+        over, self.step = self.asked.overhang, int(stock.step)
+        self.near = np.array([over // self.step * -self.step] * 2)
+        self.far = self.room[:2] + over
+        if loading.flat:
+            self.near[1], self.far[1] = 0, 1
+        self.prefer: Callable[[Places], np.ndarray] | None = None
+        """What an item wants of its place next to that it is low; it may stand at far walls too."""
+        self.rules = [rule(self) for rule in rules]
+        self._lines()
+
+    def _lines(self) -> None:
+        """Where items may begin along x and y, and which box is lower than which."""
+        n, gap = self.count, self.asked.gap
+        ends = self.high[:2, 1:n].copy()
+        ends[:, self.fixed - 1 :] += gap
+        starts = np.hstack([-(-ends // self.step) * self.step, self.near[:, None], [[0], [0]]])
+        self.lines = [np.unique(side) for side in starts]
+        if self.loading.flat:
+            self.lines[1] = np.zeros(1, np.int64)
+        self.rising = np.argsort(self.rest[:n], kind="stable")[1:]  # the floor is everywhere
+
+    def first(self, row: int, turn: int) -> Places | None:
+        """The place that an item takes, None if there is none.
+
+        Args:
+            row: of the stock.
+            turn: number of its orientation.
+        """
+        stock = self.loading.stock
+        size = stock.sizes[row, turn].astype(np.int64)
+        x, y = (self._starts(axis, int(size[axis])) for axis in (0, 1))
+        if not len(x) or not len(y) or size[2] > self.room[2]:
+            return None
+        z = self._resting(x, y, size)
+        at = np.flatnonzero(z.ravel() <= self.room[2] - size[2])
+        if not len(at):
+            return None
+        v, u = np.divmod(at, len(x))
+        low = np.stack([x[u], y[v], z.ravel()[at]])
+        item, needed = int(self.loading.items[row]), max(1, int(stock.needed[row, turn]))
+        key = self._key(Places(self, item, low, size), u, v)
+        for some in _parts(key, max(FIRST, PAIRS // self.count)):
+            places = Places(self, item, low[:, some], size)
+            allowed = np.flatnonzero(self.allows(places, needed))
+            if len(allowed):
+                return places.pick(int(allowed[key[some][allowed].argmin()]))
+        return None
+
+    def put(self, row: int, turn: int, corner: np.ndarray) -> bool:
+        """Puts an item where it is wanted, int64 [3]; False where it may not stand there."""
+        stock = self.loading.stock
+        size = stock.sizes[row, turn].astype(np.int64)
+        at = Places(self, int(self.loading.items[row]), corner[:, None], size)
+        inside = (corner[:2] >= self.near).all() and (at.high[:2, 0] <= self.far).all()
+        under = self.rest[: self.count][at.over[0]].max(initial=0)
+        if not inside or at.high[2, 0] > self.room[2] or under != corner[2]:
+            return False
+        if not self.allows(at, max(1, int(stock.needed[row, turn])))[0]:
+            return False
+        self.add(at, row)
+        return True
+
+    def allows(self, places: Places, needed: int) -> np.ndarray:
+        """bool [C], whether every rule allows it."""
+        allowed = np.ones(places.low.shape[1], bool)
+        for rule in self.rules:
+            allowed &= rule.allows(places, needed)
+            if not allowed.any():
+                break
+        return allowed
+
+    def add(self, at: Places, row: int) -> None:
+        """Puts an item at the one place."""
+        n = self.count
+        for rule in self.rules:
+            rule.add(at)
+        self.low[:, n], self.high[:, n] = at.low[:, 0], at.high[:, 0]
+        self.rest[n] = at.high[2, 0] + self.asked.gap * self.loading.flat
+        self.item[n] = at.item
+        self.rows.append(row)
+        self.count += 1
+        self._lines()
+
+    def cut(self, items: int) -> None:
+        """Takes all out again but the first."""
+        del self.rows[items:]
+        self.count = self.fixed + items
+        self._lines()
+
+    @property
+    def corners(self) -> np.ndarray:
+        """int64 [items, 3], units."""
+        return self.low[:, self.fixed : self.count].T
+
+    def _starts(self, axis: int, side: int) -> np.ndarray:
+        lines, far = self.lines[axis], int(self.far[axis]) - side
+        if self.prefer and not (axis == 1 and self.loading.flat):
+            n = self.count
+            before = self.low[axis, 1:n] - side
+            before[self.fixed - 1 :] -= self.asked.gap
+            before = np.append(before, far) // self.step * self.step
+            lines = np.unique(np.concatenate([lines, before[before >= self.near[axis]]]))
+        return lines[: np.searchsorted(lines, far, "right")]
+
+    def _resting(self, x: np.ndarray, y: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """int64 [Y, X], how high an item comes to rest."""
+        z = np.zeros((len(y), len(x)), np.int64)
+        low, high = self.low[:2, self.rising], self.high[:2, self.rising]
+        left, right = np.searchsorted(x, low[0] - size[0], "right"), np.searchsorted(x, high[0])
+        front, back = np.searchsorted(y, low[1] - size[1], "right"), np.searchsorted(y, high[1])
+        rows = (left, right, front, back, self.rest[self.rising])
+        for a, b, c, d, top in zip(*(row.tolist() for row in rows), strict=True):
+            z[c:d, a:b] = top  # from the lowest on
+        return z
+
+    def _key(self, at: Places, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """int64 [C], the less the rather; u and v are the numbers of the lines along x and y."""
+        (x, y, z), rule = at.low, rule_named(self.loading.rules.rule)
+        if self.prefer:
+            return _rank([x, y, self.prefer(at), z])
+        if rule is RULES["lowest"]:
+            across, behind = int(u.max()) + 1, int(v.max()) + 1
+            if self.loading.rules.door:  # wall by wall, from the far end on
+                return (u * (self.room[2] + 1) + z) * behind + v
+            return (z * behind + v) * across + u
+        length, width, height = (at.high - at.low)[:, 0].tolist()
+        room = self.room[0], self.room[1], self.room[2]
+        size = length, width, height
+        positions = Positions(x, y, z, size, room, lambda: _contact(at), lambda: _waste(at))
+        keys = (x, y, *reversed(rule(positions)))
+        return _rank([np.broadcast_to(key, z.shape) for key in keys])
+
+
+def _rank(keys: list[np.ndarray]) -> np.ndarray:
+    """int64 [C], places in the order by these keys, the last one first."""
+    place = np.empty(len(keys[0]), np.int64)
+    place[np.lexsort(keys)] = np.arange(len(place))
+    return place
+
+
+def _parts(key: np.ndarray, most: int) -> Iterator[np.ndarray]:
+    """Where the least keys are, then the next ones, more and more together."""
+    rest, count = np.arange(len(key)), FIRST
+    while len(rest) > count:
+        split = np.argpartition(key[rest], count)
+        yield rest[split[:count]]
+        rest, count = rest[split[count:]], min(count * MORE, most)
+    yield rest
+
+
+def _contact(at: Places) -> np.ndarray:
+    """float64 [C], area of an item's sides at walls and at other items, as in `top_map`."""
+    load, n = at.load, at.load.count
+    sides = (at.high - at.low)[:, 0].astype(float)
+    up = np.minimum(at.high[2][:, None], load.high[2, :n])
+    up = np.maximum(up - np.maximum(at.low[2][:, None], load.low[2, :n]), 0)
+    sums = np.zeros(at.low.shape[1])
+    for axis in (0, 1):
+        walls = (at.low[axis] == 0) * 1.0 + (at.high[axis] == load.room[axis])
+        touch = (load.high[axis, :n] == at.low[axis][:, None]) * 1.0
+        touch += load.low[axis, :n] == at.high[axis][:, None]
+        sums += walls * sides[1 - axis] * sides[2]
+        sums += (touch * up * np.maximum(at.along[1 - axis], 0)).sum(1)
+    return sums
+
+
+def _waste(at: Places) -> np.ndarray:
+    """float64 [C], volume below an item that nothing fills, as in `top_map`."""
+    load, n = at.load, at.load.count
+    sides = (at.high - at.low)[:, 0].astype(float)
+    height = (load.high[2, 1:n] - load.low[2, 1:n]) * 1.0
+    area = np.maximum(at.along, 0).prod(0)[:, 1:]
+    waste: np.ndarray = at.low[2] * sides[0] * sides[1] - area @ height
+    return waste
