@@ -36,11 +36,16 @@ class Asked:
     obstacles: tuple[np.ndarray, ...]  # of every bin type int64 [O, 2, 3]: low and high corners
     gap: int
     overhang: int
+    layer: np.ndarray  # int [I], the less, the lower it is better off, by all of these
 
 
 def asked_of(job: Job, rules: Rules, unit: Fraction) -> Asked:
     """All of it: gaps and obstacles at least as large as given, where they are no whole units."""
     limits = [item.limits for item in job.items]
+    carriers = [
+        (not one.floor, not one.stackable, -one.weight_above, -item.weight * rules.heavy_below)
+        for one, item in zip(limits, job.items, strict=True)
+    ]
     weight = np.array([item.weight for item in job.items], float)
     volume = np.array([math.prod(item.size) for item in job.items])
     return Asked(
@@ -61,6 +66,7 @@ def asked_of(job: Job, rules: Rules, unit: Fraction) -> Asked:
         ),
         gap=math.ceil(exact(rules.gap) / unit),
         overhang=math.floor(exact(rules.overhang) / unit),
+        layer=np.unique(np.array(carriers), axis=0, return_inverse=True)[1].ravel(),
     )  # fmt: skip
 
 

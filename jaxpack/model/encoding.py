@@ -1,6 +1,7 @@
 """A job as the arrays that packers work on, and a packing as a plan."""
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement,
 from jaxpack.model.objectives import Objective, objective_of
 from jaxpack.model.places import beside_obstacles, room_of
 from jaxpack.model.rules import Rules
+from jaxpack.model.shelves import fits_one_bin
 from jaxpack.model.sorts import SORTS
 from jaxpack.model.units import Units, in_units, units_of
 
@@ -81,6 +83,19 @@ class Loading:
     def asked(self) -> Asked:
         """What that is."""
         return asked_of(self.job, self.rules, self.units.length)
+
+    @cached_property
+    def groups(self) -> frozenset[int]:
+        """Those of `Asked.group` of which it is certain that all items fit one bin."""
+        members = defaultdict[int, list[int]](list)
+        for number, (code, item) in enumerate(zip(self.asked.group, self.job.items, strict=True)):
+            members[int(code)] += [number] * (item.copies > 0)
+        kinds = [kind for kind in self.job.bins if kind.copies != 0]
+        return frozenset(
+            code
+            for code, items in members.items()
+            if code >= 0 and any(fits_one_bin(self.job, items, kind, self.rules) for kind in kinds)
+        )
 
 
 def load_job(
@@ -179,7 +194,8 @@ def plan_of(
 
 
 def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
-    """One of the sorts, with one of the ways to turn the items; the later the more noise.
+    """One of the sorts, with one of the ways to turn the items; the later the more noise. Half of
+    them begin with what carries most, where a job asks for that.
 
     Bins: one type before the others (a lane for each), those by price per volume or by price.
     """
@@ -202,6 +218,8 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
     key = first + sum(LITTLE[name] * other for other in others)
     noise = 1 + (lane // 12) * 0.15 * random.standard_normal(len(loading.job.items))
     order = np.argsort(-key * noise[loading.items], kind="stable")
+    if loading.ruled and lane % 4 in (0, 3):
+        order = order[np.argsort(loading.asked.layer[loading.items[order]], kind="stable")]
     rooms = stock.bins.astype(np.float64).prod(1)
     worth = (stock.price / rooms, stock.price)[lane % 2]
     kinds = len(loading.job.bins)

@@ -36,7 +36,7 @@ class Run(NamedTuple):
 def quick_plan(loading: Loading, genes: Genes, stop: Stop = lambda: False) -> Best:
     """The packing of one lane; what is left when `stop` says so stands in columns."""
     if loading.ruled:
-        return _best(loading, *pack_by_rules(loading, genes, stop, whole=True))
+        return _best(loading, *pack_by_rules(loading, genes, stop, to_end=True))
     bin, corner = pack_quickly(loading, genes, stop)
     if stop() and (bin < 0).any():
         if loading.objective.open_bin:
@@ -240,7 +240,7 @@ def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray)
 
 def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
     if loading.ruled:
-        packing = pack_by_rules(loading, genes, stop, whole=False)
+        packing = pack_by_rules(loading, genes, stop, to_end=False)
     else:
         packing = genes, *pack_quickly(loading, genes, stop)
     return None if stop() else _best(loading, *packing)

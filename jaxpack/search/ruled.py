@@ -1,7 +1,8 @@
 """First fit that obeys every rule: for jobs of which more is asked than that items are carried.
 
 Bins are filled one after the other. Items of later stops come first, then they come as the genes
-say. Items that have to be in one bin are loaded together, or not into this one.
+say. Those of a group that fit one bin are loaded together, or not into this one; a larger group
+fills bins of its own, until what is left of it fits one.
 """
 
 from collections.abc import Callable
@@ -11,53 +12,53 @@ import numpy as np
 from jaxpack.model.encoding import Genes, Loading, most_together
 from jaxpack.packing.ruled import asked_rules
 from jaxpack.packing.ruled.balance import Balance
-from jaxpack.packing.ruled.load import Load
+from jaxpack.packing.ruled.filling import RuledBin
 
 Stop = Callable[[], bool]
 
 
 def pack_by_rules(
-    loading: Loading, genes: Genes, stop: Stop, whole: bool
+    loading: Loading, genes: Genes, stop: Stop, to_end: bool
 ) -> tuple[Genes, np.ndarray, np.ndarray]:
-    """(the genes in the order of loading, bin int32 [N], -1 for what was not packed, corner int32
-    [N, 3]) by row of the stock.
+    """(genes of it, in the order of loading, bin int32 [N], -1 for what was not packed, corner
+    int32 [N, 3]) by row of the stock.
 
     Args:
         loading: what is to be packed.
         genes: of one lane.
         stop: asked before every placement.
-        whole: whether all is packed once it stops, as it comes: a bin is full then when an item
+        to_end: whether all is packed once it stops, as it comes: a bin is full then when an item
             finds no place. Otherwise what follows is not packed.
     """
-    packing = _Packing(loading, genes, stop, whole)
+    packing = _Packing(loading, genes, stop, to_end)
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
-    order, barren = [], set[int]()
+    order, barren = list[np.ndarray](), set[int]()
     for slot in genes.pool.tolist():
         kind = int(loading.bins[slot])
         if kind in barren:  # what waits has not changed since nothing of it fitted such a bin
             continue
-        if not len(packing.waiting) or (stop() and not whole):
+        if not len(packing.waiting) or (stop() and not to_end):
             break
         rows, corners = packing.fill(slot)
-        barren = barren | {kind} if not len(rows) else set()
+        barren = set() if len(rows) else barren | {kind}
         bin[rows], corner[rows] = slot, corners
         order.append(rows)
     rows = np.concatenate([*order, packing.waiting]).astype(np.int32)
-    return genes._replace(order=rows), bin, corner
+    return Genes(rows, packing.turn, genes.pool), bin, corner
 
 
 class _Packing:
     """What waits to be packed, and how one bin after the other is filled with it."""
 
-    def __init__(self, loading: Loading, genes: Genes, stop: Stop, whole: bool) -> None:
-        self.loading, self.turn, self.stop, self.whole = loading, genes.turn, stop, whole
+    def __init__(self, loading: Loading, genes: Genes, stop: Stop, to_end: bool) -> None:
+        self.loading, self.turn, self.stop, self.to_end = loading, genes.turn.copy(), stop, to_end
         self.rules, self.most = asked_rules(loading), len(genes.order)
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
-        stop_of = loading.asked.stop[loading.items[genes.order]]
-        self.waiting = genes.order[np.argsort(-stop_of, kind="stable")]
-        lies = loading.stock.sizes[np.arange(len(genes.turn)), genes.turn]
-        self.volume = lies.astype(np.float64).prod(1)
+        items, asked = loading.items, loading.asked
+        self.waiting = genes.order[np.argsort(-asked.stop[items[genes.order]], kind="stable")]
+        self.group = asked.group[items]
+        self.together = set(loading.groups)  # groups of which nothing may be in another bin
 
     def fill(self, slot: int) -> tuple[np.ndarray, np.ndarray]:
         """(rows of the stock, corners) of what comes into that bin, in the order of loading."""
@@ -66,62 +67,57 @@ class _Packing:
         return rows, corners
 
     def _filled(self, slot: int) -> tuple[np.ndarray, np.ndarray]:
-        load = self._loaded(slot, balanced=False)
-        if self.loading.rules.balance is None or not load.rows:
-            return np.array(load.rows, np.int64), load.corners
-        for _ in range(2):
-            balance, some = Balance(load), np.arange(load.fixed, load.count)
-            by = balance.shift(some)
-            if by is not None and (not by.any() or self._holds(load, some, by)):
-                break
-            load = self._loaded(slot, balanced=True)
-        balance, some = Balance(load), np.arange(load.fixed, load.count)
-        while len(some):
-            by = balance.shift(some)
-            if by is not None and (not by.any() or self._holds(load, some, by)):
-                rows = np.array(load.rows, np.int64)[some - load.fixed]
-                return rows, load.low[:, some].T + by
-            some = some[some != balance.worst(some)]
-        return np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
+        full = self._loaded(slot)
+        if self.loading.rules.balance is None or not full.load.rows:
+            return np.array(full.load.rows, np.int64), full.load.corners
+        found = full.in_balance(whole=True)
+        if not len(found[0]):
+            found = self._loaded(slot, balanced=True).in_balance(whole=False)
+        if not len(found[0]):
+            found = self._loaded(slot, balanced=True, always=True).in_balance(whole=False)
+        return found
 
-    def _holds(self, load: Load, some: np.ndarray, by: np.ndarray) -> bool:
-        """Whether these boxes of a load obey the rules when they are shifted."""
-        if load.fixed == 1 and not load.asked.overhang:
-            return True  # nothing there is tied to a place
-        other = Load(self.loading, load.slot, self.rules, len(some))
-        for box in some.tolist():
-            row = load.rows[box - load.fixed]
-            if not other.put(row, int(self.turn[row]), load.low[:, box] + by):
-                return False
-        return True
+    def _loaded(self, slot: int, balanced: bool = False, always: bool = False) -> RuledBin:
+        """That bin with what fits it.
 
-    def _loaded(self, slot: int, balanced: bool) -> Load:
-        load = Load(self.loading, slot, self.rules, min(self.most, len(self.waiting)))
+        Args:
+            slot: of the bin.
+            balanced: whether items rather stand where they keep the load in balance.
+            always: whether they stand nowhere else.
+        """
+        most = min(self.most, len(self.waiting))
+        bin = RuledBin(self.loading, slot, self.rules, self.turn, most)
         if balanced:
-            load.prefer = Balance(load).off
-        stock, asked, items = self.loading.stock, self.loading.asked, self.loading.items
-        no_limit = np.iinfo(stock.limit.dtype).max
-        limit, most = int(stock.limit[slot]), int(asked.most_items[load.kind])
-        left = np.inf if limit == no_limit else limit
-        free = float((load.far - load.near).prod() * load.room[2]) * (1 + 1e-9)
-        apart, in_vain = set[int](), dict[tuple[int, int], int]()
-        for row in self.waiting.tolist():
-            if len(load.rows) >= most or (self.stop() and not self.whole):
+            bin.load.prefer = Balance(bin.load).off
+        if always:
+            bin.load.rules.append(Balance(bin.load))
+        self._begin(bin)
+        seen, group = set(bin.load.rows), self.group[self.waiting]
+        scattered = {*group.tolist()} - self.together - {-1}
+        for row, code in zip(self.waiting.tolist(), group.tolist(), strict=True):
+            late = self.stop()
+            if late and not self.to_end:
                 break
-            item, turn = int(items[row]), int(self.turn[row])
-            weight, volume, code = int(stock.weight[row]), self.volume[row], int(asked.apart[item])
-            if weight > left or volume > free or code in apart:
+            if row in seen or code in scattered:
                 continue
-            if in_vain.get((item, turn)) == load.count:
+            rows = [row] if code < 0 else self.waiting[group == code].tolist()
+            seen.update(rows)
+            if not bin.take_all(rows) and late and bin.load.rows:
+                break
+        return bin
+
+    def _begin(self, bin: RuledBin) -> None:
+        """Fills the bin from the first group that is more than fits it; of others it is noted that
+        what is left of them does fit one bin.
+        """
+        group = self.group[self.waiting]
+        for code in dict.fromkeys(group.tolist()):
+            if code < 0 or code in self.together:
                 continue
-            at = load.first(row, turn)
-            if at is None:
-                in_vain[item, turn] = load.count
-                if load.rows and self.stop():
-                    break
-                continue
-            load.add(at, row)
-            left, free = left - weight, free - volume
-            if code >= 0:
-                apart.add(code)
-        return load
+            rows = self.waiting[group == code].tolist()
+            taken = sum(map(bin.take, rows))
+            if 0 < taken < len(rows):
+                return
+            if taken:
+                bin.cut(0)
+                self.together.add(code)

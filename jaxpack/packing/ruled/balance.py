@@ -2,21 +2,31 @@
 
 import numpy as np
 
-from jaxpack.packing.ruled.load import Load, Places
+from jaxpack.model.encoding import Loading
+from jaxpack.packing.ruled.load import BoxRule, Load, Places
 
 NOISE = 1e-12  # of a side
 
 
-class Balance:
+class Balance(BoxRule):
     """See `Rules.balance`: the load of one bin is shifted, or loses items, until it holds."""
 
     def __init__(self, load: Load) -> None:
-        self.load = load
+        super().__init__(load)
         share = load.loading.rules.balance
         assert share is not None
         axes = [0] if load.loading.flat else [0, 1]
         self.axes, self.middle = axes, load.room[axes] / 2
         self.most = self.middle * (share - NOISE)
+
+    @staticmethod
+    def asked(loading: Loading) -> bool:
+        """Not while a bin is filled, if it need not be."""
+        return False
+
+    def allows(self, at: Places, needed: int) -> np.ndarray:
+        """Whether the load is in balance with the item."""
+        return self.off(at) == 0
 
     def off(self, at: Places) -> np.ndarray:
         """float64 [C], how far outside the centre is with the item at each place, 1 for as much as

@@ -100,7 +100,8 @@ class Load:
         n, gap = self.count, self.asked.gap
         ends = self.high[:2, 1:n].copy()
         ends[:, self.fixed - 1 :] += gap
-        starts = np.hstack([-(-ends // self.step) * self.step, self.near[:, None], [[0], [0]]])
+        edges = np.hstack([ends, self.low[:2, : self.fixed]])
+        starts = np.hstack([-(-edges // self.step) * self.step, self.near[:, None]])
         self.lines = [np.unique(side) for side in starts]
         if self.loading.flat:
             self.lines[1] = np.zeros(1, np.int64)
@@ -185,7 +186,8 @@ class Load:
             n = self.count
             before = self.low[axis, 1:n] - side
             before[self.fixed - 1 :] -= self.asked.gap
-            before = np.append(before, far) // self.step * self.step
+            middle = (int(self.room[axis]) - side) // 2
+            before = np.append(before, [far, middle]) // self.step * self.step
             lines = np.unique(np.concatenate([lines, before[before >= self.near[axis]]]))
         return lines[: np.searchsorted(lines, far, "right")]
 

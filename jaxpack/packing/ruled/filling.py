@@ -1,0 +1,135 @@
+"""A bin that is being filled: what lies where, and what all of it together may be."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxpack.model.encoding import Loading
+from jaxpack.model.shelves import shelved
+from jaxpack.model.units import in_units
+from jaxpack.packing.ruled.balance import Balance
+from jaxpack.packing.ruled.load import BoxRule, Load
+
+
+class RuledBin:
+    """Takes items where its rules allow them, while it has not too many of them."""
+
+    def __init__(
+        self, loading: Loading, slot: int, rules: list[type[BoxRule]], turn: np.ndarray, most: int
+    ) -> None:
+        """An empty one.
+
+        Args:
+            loading: what is packed.
+            slot: of the bin.
+            rules: of boxes that the job asks for.
+            turn: int [N], orientations by row of the stock; `take_shelved` changes them.
+            most: items there are at most.
+        """
+        self.loading, self.rules, self.turn = loading, rules, turn
+        self.load = load = Load(loading, slot, rules, most)
+        stock = loading.stock
+        limit = int(stock.limit[slot])
+        self.limit = limit if limit < np.iinfo(stock.limit.dtype).max else np.inf
+        self.most = int(loading.asked.most_items[load.kind])
+        self.space = float((load.far - load.near).prod() * load.room[2]) * (1 + 1e-9)
+        self.in_vain = dict[tuple[int, int], int]()
+        self.cut(0)
+
+    def cut(self, items: int) -> None:
+        """Takes all out again but the first."""
+        rows, loading = self.load.rows, self.loading
+        if items < len(rows):
+            self.load.cut(items)
+            self.in_vain.clear()
+        rows = self.load.rows
+        self.apart = set(loading.asked.apart[loading.items[rows]].tolist()) - {-1}
+        self.left = self.limit - int(loading.stock.weight[rows].sum())
+        self.free = self.space - sum(map(self._volume, rows))
+
+    def take(self, row: int) -> bool:
+        """Puts an item at its first place; False if it has none.
+
+        Args:
+            row: of the stock.
+        """
+        load, loading, turn = self.load, self.loading, int(self.turn[row])
+        item = int(loading.items[row])
+        weight, code = int(loading.stock.weight[row]), int(loading.asked.apart[item])
+        if weight > self.left or self._volume(row) > self.free or code in self.apart:
+            return False
+        if len(load.rows) >= self.most or self.in_vain.get((item, turn)) == load.count:
+            return False
+        # In an empty bin it is turned if it has to be: it might never find a place otherwise.
+        for way in (turn, *range(int(loading.stock.ways[row]) * (not load.rows))):
+            if at := load.first(row, way):
+                break
+        else:
+            self.in_vain[item, turn] = load.count
+            return False
+        self.turn[row] = way
+        load.add(at, row)
+        self.left, self.free = self.left - weight, self.free - self._volume(row)
+        if code >= 0:
+            self.apart.add(code)
+        return True
+
+    def take_all(self, rows: Sequence[int]) -> bool:
+        """Puts all of them, or none."""
+        before = len(self.load.rows)
+        for row in rows:
+            if not self.take(row):
+                self.cut(before)
+                return not before and len(rows) > 1 and self.take_shelved(rows)
+        return True
+
+    def take_shelved(self, rows: Sequence[int]) -> bool:
+        """Puts all copies of some items into the empty bin as `shelved` has them, if it has."""
+        load, loading = self.load, self.loading
+        left, job, items = list(rows), loading.job, loading.items
+        kinds = sorted(set(items[left].tolist()))
+        if sum(job.items[n].copies for n in kinds) > len(left):
+            return False
+        for put in shelved(job, kinds, job.bins[load.kind], loading.rules) or ():
+            row = next(row for row in left if items[row] == put.item)
+            size = job.items[put.item].turned(put.orientation)
+            sizes = [job.items[put.item].turned(way) for way in loading.ways[put.item]]
+            self.turn[row] = sizes.index(size)
+            corner = in_units(put.corner, loading.units.length)
+            if not load.put(row, int(self.turn[row]), corner):
+                self.cut(0)
+                return False
+            left.remove(row)
+        self.cut(len(load.rows))
+        return not left
+
+    def in_balance(self, whole: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(rows of the stock, corners) of what is in the bin, shifted so that its centre of mass is
+        where it has to be. What is at fault is left out; all is, if the load has to be `whole`.
+        """
+        load, balance = self.load, Balance(self.load)
+        some = np.arange(load.fixed, load.count)
+        while len(some):
+            by = balance.shift(some)
+            if by is not None and (not by.any() or self._holds(some, by)):
+                rows = np.array(load.rows, np.int64)[some - load.fixed]
+                return rows, load.low[:, some].T + by
+            if whole:
+                break
+            some = some[some != balance.worst(some)]
+        return np.zeros(0, np.int64), np.zeros((0, 3), np.int64)
+
+    def _holds(self, some: np.ndarray, by: np.ndarray) -> bool:
+        """Whether these boxes obey the rules when they are shifted."""
+        load = self.load
+        if load.fixed == 1 and not load.asked.overhang:
+            return True  # nothing there is tied to a place
+        other = Load(self.loading, load.slot, self.rules, len(some))
+        for box in some.tolist():
+            row = load.rows[box - load.fixed]
+            if not other.put(row, int(self.turn[row]), load.low[:, box] + by):
+                return False
+        return True
+
+    def _volume(self, row: int) -> float:
+        return float(self.loading.stock.sizes[row, self.turn[row]].prod(dtype=np.float64))
