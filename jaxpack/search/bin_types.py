@@ -3,16 +3,22 @@
 import numpy as np
 
 from jaxpack.model.encoding import Loading
+from jaxpack.packing.ruled.filling import holds
 
 
 def cheapest_types(
-    loading: Loading, turn: np.ndarray, bin: np.ndarray, corner: np.ndarray
+    loading: Loading,
+    turn: np.ndarray,
+    bin: np.ndarray,
+    corner: np.ndarray,
+    order: np.ndarray | None = None,
 ) -> dict[int, int]:
     """For every bin that is used the type to take for it: the cheapest one left that can hold it.
 
     Args:
         loading: what was packed.
         turn, bin, corner: of one lane, by row of the stock.
+        order: of loading, where the job has rules of its own.
 
     Returns:
         Index of `Stock.bins` -> index in Job.bins.
@@ -33,6 +39,8 @@ def cheapest_types(
     limits = stock.limit[first]
     fits = (reach[:, None] <= stock.bins[first]).all(2)  # [slots, kinds]
     fits &= (limits == np.iinfo(limits.dtype).max) | (weight[:, None] <= limits)
+    if loading.ruled:
+        fits = _holding(loading, turn, bin, corner, rows if order is None else order, fits)
     left = {kind: job.bins[kind].copies for kind in kinds}
     chosen = {}
     # The dearest bins choose first: they have the most to save.
@@ -49,3 +57,21 @@ def cheapest_types(
         copies = left[kind]
         left[kind] = None if copies is None else copies - 1
     return chosen
+
+
+def _holding(
+    loading: Loading,
+    turn: np.ndarray,
+    bin: np.ndarray,
+    corner: np.ndarray,
+    order: np.ndarray,
+    fits: np.ndarray,
+) -> np.ndarray:
+    """bool [slots, kinds], which bins may be of which cheaper types by all rules, or stay."""
+    slots, price = np.unique(bin[bin >= 0]), loading.stock.price[loading.first]
+    holding = loading.bins[slots][:, None] == loading.bins[loading.first]
+    cheaper = fits & (price < loading.stock.price[slots][:, None])
+    for n, kind in np.argwhere(cheaper).tolist():
+        rows = order[bin[order] == slots[n]]
+        holding[n, kind] = holds(loading, int(loading.first[kind]), rows, turn, corner)
+    return holding

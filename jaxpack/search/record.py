@@ -77,7 +77,7 @@ class Record:
             return None
         self.cost = found.cost
         genes, loading = found.genes, self.loading
-        types = cheapest_types(loading, genes.turn, found.bin, found.corner)
+        types = cheapest_types(loading, genes.turn, found.bin, found.corner, genes.order)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
         worth = loading.objective.worth(loading.job, plan)
         if self.plan and worth >= loading.objective.worth(loading.job, self.plan):

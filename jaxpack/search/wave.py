@@ -42,7 +42,8 @@ def canonical_order(job: Job) -> list[int]:
     def key(number: int) -> tuple[Any, ...]:
         item = job.items[number]
         profit = -1.0 if item.profit is None else item.profit
-        return item.size, item.weight, item.orientations, profit, item.copies, item.name
+        limits = repr(item.limits)
+        return item.size, item.weight, item.orientations, profit, item.copies, limits, item.name
 
     return sorted(range(len(job.items)), key=key)
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxpack.model.encoding import Loading
 from jaxpack.model.shelves import shelved
 from jaxpack.model.units import in_units
+from jaxpack.packing.ruled import asked_rules
 from jaxpack.packing.ruled.balance import Balance
 from jaxpack.packing.ruled.load import BoxRule, Load
 
@@ -124,12 +125,33 @@ class RuledBin:
         load = self.load
         if load.fixed == 1 and not load.asked.overhang:
             return True  # nothing there is tied to a place
-        other = Load(self.loading, load.slot, self.rules, len(some))
-        for box in some.tolist():
-            row = load.rows[box - load.fixed]
-            if not other.put(row, int(self.turn[row]), load.low[:, box] + by):
-                return False
-        return True
+        rows = np.array(load.rows)[some - load.fixed]
+        corner = np.zeros((len(self.turn), 3), np.int64)
+        corner[rows] = load.low[:, some].T + by
+        return holds(self.loading, load.slot, rows, self.turn, corner)
 
     def _volume(self, row: int) -> float:
         return float(self.loading.stock.sizes[row, self.turn[row]].prod(dtype=np.float64))
+
+
+def holds(
+    loading: Loading, slot: int, rows: np.ndarray, turn: np.ndarray, corner: np.ndarray
+) -> bool:
+    """Whether items that fit a bin may be where they are in another one, by all of its rules.
+
+    Args:
+        loading: what is packed.
+        slot: of that other one.
+        rows: of the stock, in loading order.
+        turn, corner: by row of the stock.
+    """
+    load = Load(loading, slot, asked_rules(loading), len(rows))
+    for row in rows.tolist():
+        if not load.put(row, int(turn[row]), corner[row].astype(np.int64)):
+            return False
+    if len(rows) > loading.asked.most_items[load.kind]:
+        return False
+    if loading.rules.balance is None:
+        return True
+    by = Balance(load).shift(np.arange(load.fixed, load.count))
+    return by is not None and not by.any()

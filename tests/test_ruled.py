@@ -1,0 +1,191 @@
+"""Packing by the rules of loads: every plan obeys them, whatever is asked, and each rule tells."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from ruled_oracle import broken, groups_in
+
+from jaxpack.model.encoding import lane_genes, load_job, plan_of
+from jaxpack.model.job import BinType, ItemType, Job
+from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
+from jaxpack.model.plan_check import plan_violations
+from jaxpack.model.rules import Rules
+from jaxpack.model.shelves import fits_one_bin
+from jaxpack.search.portfolio import SolveOptions, solve_job
+from jaxpack.search.quick import quick_plan
+
+BARS = (Obstacle((0.0, 0.0, 0.0), (3.0, 1.0, 2.0)), Obstacle((5.0, 4.0, 3.0), (2.0, 3.0, 1.0)))
+FLAT_BARS = (Obstacle((0.0, 0.0, 0.0), (3.0, 1.0, 2.0)), Obstacle((5.0, 0.0, 3.0), (2.0, 1.0, 1.0)))
+LIMITS = {
+    "weight_above": (0.0, 10.0, 30.0, inf, inf),
+    "stackable": (True, True, True, False),
+    "most_in_stack": (None, None, 1, 2, 3),
+    "stack_id": (0, 1),
+    "group": ("", "g", "h", "i"),
+    "apart": ("", "", "", "a", "b"),
+    "stop": (None, 1, 2, 3),
+    "floor": (False, False, False, True),
+}
+ALL = Rules(0.3, False, "lowest", "static", 1.0, 1.0, "x", 0.4, True)
+ASKED = {  # what is asked: of items, of bins, of all
+    **{name: ((name,), False, Rules(0.4)) for name in LIMITS},
+    "stops at a door": (("stop",), False, Rules(0.4, door="x")),
+    "most items": ((), True, Rules()),
+    "gap": ((), False, Rules(gap=1.0)),
+    "half a gap": ((), False, Rules(gap=0.5)),
+    "overhang": ((), False, Rules(overhang=1.0)),
+    "door": ((), False, Rules(door="x")),
+    "balance": ((), False, Rules(balance=0.3)),
+    "balance beside bars": ((), True, Rules(balance=0.5)),
+    "heavy below": ((), False, Rules(heavy_below=True)),
+    "centre": (("stop",), False, Rules(0.0, stability="centre")),
+    "all of items": (tuple(LIMITS), False, Rules(0.4)),
+    "all": (tuple(LIMITS), True, ALL),
+    "rule of positions": (("stop",), True, Rules(rule="most-contact", gap=1.0)),
+}
+FLAT = [name for name in ASKED if not ASKED[name][2].door]
+SIZES = 4, 20
+
+
+def order_of(seed, name, flat=False):
+    """A small order at random, of which that is asked, and the rules."""
+    limits, of_bins, rules = ASKED[name]
+    random = np.random.default_rng(seed)
+    ways = ("XYZ", "ZYX") if flat else ("XYZ", "YXZ", "ZXY")
+    items = []
+    for _ in range(int(random.integers(*SIZES))):
+        x, y, z = random.integers(1, 6, 3).astype(float).tolist()
+        asked = {key: LIMITS[key][random.integers(len(LIMITS[key]))] for key in limits}
+        items.append(
+            ItemType(
+                (x, 1.0 if flat else y, z), int(random.integers(1, 4)),
+                float(random.integers(1, 30)), ways, limits=ItemLimits(**asked),
+            )
+        )  # fmt: skip
+    bars = FLAT_BARS if flat else BARS
+    asked = BinLimits(int(random.integers(2, 9)), bars) if of_bins else BinLimits()
+    most = float(random.choice([inf, 100.0]))
+    large = BinType((10.0, 1.0 if flat else 8.0, 8.0), max_weight=most, limits=asked)
+    small = BinType((7.0, 1.0 if flat else 7.0, 5.0), limits=replace(asked, obstacles=()))
+    bins = (large, small) if random.random() < 0.5 else (large,)
+    return Job(tuple(items), bins, 2 if flat else 3), rules
+
+
+def packed(job, rules, lane=0, late=False):
+    """The plan of one lane, at once or when it is late."""
+    loading = load_job(job, rules, skip_unfit=True)
+    best = quick_plan(loading, lane_genes(loading, 0, lane), lambda: late)
+    types = {slot: int(loading.bins[slot]) for slot in best.bin[best.bin >= 0].tolist()}
+    genes = best.genes
+    return plan_of(loading, genes.order, genes.turn, best.bin, best.corner, types)
+
+
+def obeys(job, plan, rules):
+    assert not broken(job, plan, rules)
+    assert not list(plan_violations(job, plan, rules))
+    for group, count in groups_in(job, plan).items():
+        own = [n for n, item in enumerate(job.items) if item.limits.group == group]
+        if count > 1:
+            assert not any(fits_one_bin(job, own, kind, rules) for kind in job.bins)
+
+
+def obeyed(name, seeds, flat):
+    for seed in seeds:
+        job, rules = order_of(seed, name, flat)
+        for lane, late in ((seed % 13, False), (0, True)):
+            obeys(job, packed(job, rules, lane, late), rules)
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_plans_obey(name):
+    obeyed(name, range(24), flat=False)
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_plans_of_sheets_obey(name):
+    obeyed(name, range(24), flat=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ASKED)
+def test_plans_of_many_orders_obey(name):
+    obeyed(name, range(24, 200), flat=False)
+    if name in FLAT:
+        obeyed(name, range(24, 200), flat=True)
+
+
+@pytest.mark.parametrize("name", sorted(set(ASKED) - {"group", "half a gap", "rule of positions"}))
+def test_each_rule_changes_a_plan(name):
+    """Without it a plan is one that breaks it."""
+
+    def breaks(seed):
+        job, rules = order_of(seed, name)
+        bins = tuple(replace(kind, limits=BinLimits()) for kind in job.bins)
+        free = tuple(replace(item, limits=ItemLimits()) for item in job.items)
+        plan = packed(replace(job, items=free, bins=bins), Rules(rules.support))
+        return broken(job, plan, rules)
+
+    if name == "overhang":
+        job, rules = order_of(0, name)
+        plan = packed(job, rules)
+        assert min(put.corner[0] for one in plan.bins for put in one.placements) < 0
+    else:
+        assert any(breaks(seed) for seed in range(20))
+
+
+@pytest.mark.parametrize("name", ["all of items", "heavy below", "balance", "gap"])
+def test_everything_is_packed(name):
+    """Where every item has a place in an empty bin, however little time there is."""
+    for seed in range(20):
+        job, rules = order_of(seed, name)
+        for late in (False, True):
+            assert not packed(job, rules, late=late).left_out
+
+
+@pytest.mark.parametrize("objective", ["bins", "price", "value", "height"])
+def test_searches_obey(objective):
+    for seed in range(3):
+        job, rules = order_of(seed, "all of items")
+        bins = job.bins[:1] if objective == "height" else job.bins
+        job = replace(job, bins=bins, objective=objective)
+        found = solve_job(job, SolveOptions(rules=rules, packings=40))
+        obeys(job, found.plan, rules)
+        again = solve_job(job, SolveOptions(rules=rules, packings=40))
+        assert again.plan == found.plan
+
+
+def test_search_gets_better():
+    sums = [0, 0]
+    for seed in range(8):
+        job, rules = order_of(seed, "stackable")
+        for n, packings in enumerate((1, 60)):
+            found = solve_job(job, SolveOptions(rules=rules, packings=packings))
+            sums[n] += found.bins
+    assert sums[1] < sums[0]
+
+
+def test_no_time_is_time_enough():
+    job, rules = order_of(1, "all of items")
+    found = solve_job(job, SolveOptions(time_limit=1e-6, rules=rules))
+    obeys(job, found.plan, rules)
+    assert not found.plan.left_out
+
+
+def test_cheaper_types_obey():
+    """A bin is of the cheapest type that may hold what is in it, by all rules."""
+    item = ItemType((2.0, 2.0, 2.0), 3)
+    dear = BinType((6.0, 2.0, 2.0), cost=5.0)
+    cheap = BinType((6.0, 2.0, 2.0), cost=1.0, limits=BinLimits(most_items=2))
+    found = solve_job(Job((item,), (dear, cheap)), SolveOptions(packings=60))
+    assert sorted(len(one.placements) for one in found.plan.bins) == [1, 2]
+    assert found.cost == 2
+
+
+def test_corners_on_a_grid():
+    for seed in range(12):
+        job, rules = order_of(seed, "all")
+        loading = load_job(job, rules, resolution=2.0, skip_unfit=True)
+        best = quick_plan(loading, lane_genes(loading, 0, 0))
+        assert not (best.corner[:, :2] * float(loading.units.length) % 2).any()
