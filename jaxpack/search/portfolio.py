@@ -101,7 +101,7 @@ def improve(
     """
     begun = perf_counter()
     loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
-    record = Record(job, loading, bounds(job, 0.0), begun)
+    record = Record(job, loading, bounds(job, 0.0, options.rules), begun)
     sorting = perf_counter()
     first = lane_genes(loading, options.seed, 0)
     checking = min(CHECKING * (perf_counter() - sorting), PER_ITEM * len(loading.items))
@@ -120,7 +120,7 @@ def improve(
                     return
         if some is not tries and not late():
             seconds = min(BOUNDING * options.seconds, end - perf_counter())
-            closer = bounds(job, seconds if options.packings is None else None)
+            closer = bounds(job, seconds if options.packings is None else None, options.rules)
             if progress := record.bounded(closer):
                 yield progress
                 return

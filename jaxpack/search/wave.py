@@ -58,7 +58,7 @@ class _Order:
         object.__setattr__(job, "items", tuple(job.items[n] for n in self.place))
         loading = load_job(job, options.rules, options.resolution, options.skip_unfit)
         self.number, self.loading = number, loading
-        self.record = Record(job, loading, bounds(job, 0.0), begun)
+        self.record = Record(job, loading, bounds(job, 0.0, options.rules), begun)
         self.best: Best | None = None
         self.search = search_uncompiled(
             loading, options.seed, stop, known=lambda: self.best, draws=DRAWS
@@ -103,7 +103,7 @@ class _Order:
 
     def bound(self, seconds: float | None) -> None:
         """Looks for better bounds."""
-        if progress := self.record.bounded(bounds(self.job, seconds)):
+        if progress := self.record.bounded(bounds(self.job, seconds, self.loading.rules)):
             self.ended = progress.end
         self.above = self.record.progress(None).gap != 0
 

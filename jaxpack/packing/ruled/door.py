@@ -24,6 +24,9 @@ class Door(BoxRule):
         return loading.rules.door == "x"
 
     def allows(self, at: Places, needed: int) -> np.ndarray:
-        """Whether nothing stands between its place and the door."""
-        beyond = self.load.low[0, : self.load.count] >= at.high[0][:, None]
-        return ~(before_door(at) & beyond).any(1)
+        """Whether nothing stands between its place and the door, nor an item over it."""
+        load, n = self.load, self.load.count
+        beyond = load.low[0, :n] >= at.high[0][:, None]
+        there = at.over & (load.rest[:n] > at.low[2][:, None])
+        there[:, : load.fixed] &= load.low[2, : load.fixed] < at.high[2][:, None]
+        return ~(before_door(at) & beyond | there).any(1)

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxpack.model.asked import ANY
 from jaxpack.model.encoding import Loading
 from jaxpack.packing.rules import RULES, Positions, rule_named
 
@@ -90,6 +91,8 @@ class Load:
         self.far = self.room[:2] + over
         if loading.flat:
             self.near[1], self.far[1] = 0, 1
+        hanging = self.low[2, 1 : self.fixed] if loading.rules.door else ()
+        self.ceilings = [ANY, *sorted({int(z) for z in hanging if z > 0})]
         self.prefer: Callable[[Places], np.ndarray] | None = None
         """What an item wants of its place next to that it is low; it may stand at far walls too."""
         self.rules = [rule(self) for rule in rules]
@@ -119,12 +122,16 @@ class Load:
         x, y = (self._starts(axis, int(size[axis])) for axis in (0, 1))
         if not len(x) or not len(y) or size[2] > self.room[2]:
             return None
-        z = self._resting(x, y, size)
-        at = np.flatnonzero(z.ravel() <= self.room[2] - size[2])
+        found = []
+        for ceiling in self.ceilings:
+            z = self._resting(x, y, size, ceiling).ravel()
+            at = np.flatnonzero(z <= min(ceiling, self.room[2]) - size[2])
+            found.append((at, z[at]))
+        at, z = (np.concatenate(some) for some in zip(*found, strict=True))
         if not len(at):
             return None
         v, u = np.divmod(at, len(x))
-        low = np.stack([x[u], y[v], z.ravel()[at]])
+        low = np.stack([x[u], y[v], z])
         item, needed = int(self.loading.items[row]), max(1, int(stock.needed[row, turn]))
         key = self._key(Places(self, item, low, size), u, v)
         for some in _parts(key, max(FIRST, PAIRS // self.count)):
@@ -140,8 +147,9 @@ class Load:
         size = stock.sizes[row, turn].astype(np.int64)
         at = Places(self, int(self.loading.items[row]), corner[:, None], size)
         inside = (corner[:2] >= self.near).all() and (at.high[:2, 0] <= self.far).all()
-        under = self.rest[: self.count][at.over[0]].max(initial=0)
-        if not inside or at.high[2, 0] > self.room[2] or under != corner[2]:
+        top = self.rest[: self.count][at.over[0]].max(initial=0)
+        reached = corner[2] >= top or bool(self.loading.rules.door)
+        if not inside or at.high[2, 0] > self.room[2] or not reached:
             return False
         if not self.allows(at, max(1, int(stock.needed[row, turn])))[0]:
             return False
@@ -182,7 +190,8 @@ class Load:
 
     def _starts(self, axis: int, side: int) -> np.ndarray:
         lines, far = self.lines[axis], int(self.far[axis]) - side
-        if self.prefer and not (axis == 1 and self.loading.flat):
+        two_sided = self.prefer or (self.fixed > 1 and not self.rows)
+        if two_sided and not (axis == 1 and self.loading.flat):
             n = self.count
             before = self.low[axis, 1:n] - side
             before[self.fixed - 1 :] -= self.asked.gap
@@ -191,13 +200,14 @@ class Load:
             lines = np.unique(np.concatenate([lines, before[before >= self.near[axis]]]))
         return lines[: np.searchsorted(lines, far, "right")]
 
-    def _resting(self, x: np.ndarray, y: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """int64 [Y, X], how high an item comes to rest."""
+    def _resting(self, x: np.ndarray, y: np.ndarray, size: np.ndarray, ceiling: int) -> np.ndarray:
+        """int64 [Y, X], how high an item comes to rest on what is below a ceiling."""
         z = np.zeros((len(y), len(x)), np.int64)
-        low, high = self.low[:2, self.rising], self.high[:2, self.rising]
+        boxes = self.rising[self.rest[self.rising] <= ceiling]
+        low, high = self.low[:2, boxes], self.high[:2, boxes]
         left, right = np.searchsorted(x, low[0] - size[0], "right"), np.searchsorted(x, high[0])
         front, back = np.searchsorted(y, low[1] - size[1], "right"), np.searchsorted(y, high[1])
-        rows = (left, right, front, back, self.rest[self.rising])
+        rows = (left, right, front, back, self.rest[boxes])
         for a, b, c, d, top in zip(*(row.tolist() for row in rows), strict=True):
             z[c:d, a:b] = top  # from the lowest on
         return z
