@@ -6,6 +6,7 @@ time is up stands in columns.
 
 import math
 from collections.abc import Callable, Iterator
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +18,11 @@ from jaxpack.packing.top_map import TopMap
 from jaxpack.search.columns import stand_in_columns
 from jaxpack.search.local_search import Best
 from jaxpack.search.ruled import pack_by_rules
+from jaxpack.search.ruled_draws import draw_bins
 
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
+ANNEALED = 8  # packings of orders after each pass of bins that are drawn, by rules of their own
 HEAT = 0.05  # rises of this size are accepted one time in three, in prices
 
 Stop = Callable[[], bool]
@@ -81,8 +84,16 @@ def search_quickly(
             return
         best = new if new.cost < best.cost else best
     several = len(loading.job.bins) > 1
+    passes = draw_bins(loading, seed, stop) if loading.ruled else None
     now, idle, fresh = best, 0, False
-    while True:
+    for number in count():
+        if passes and number % ANNEALED == 0:
+            filled = next(passes)
+            new = None if filled is None else _best(loading, *filled)
+            yield new
+            if new is None:
+                return
+            best = new if new.cost < best.cost else best
         runs = runs_of(loading, now.genes)
         new = _packed(loading, _changed(loading, now.genes.pool, runs, random, several), stop)
         yield new

@@ -30,7 +30,7 @@ def pack_by_rules(
         to_end: whether all is packed once it stops, as it comes: a bin is full then when an item
             finds no place. Otherwise what follows is not packed.
     """
-    packing = _Packing(loading, genes, stop, to_end)
+    packing = Packing(loading, genes, stop, to_end)
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     order, barren = list[np.ndarray](), set[int]()
     for slot in genes.pool.tolist():
@@ -40,6 +40,7 @@ def pack_by_rules(
         if not len(packing.waiting) or (stop() and not to_end):
             break
         rows, corners = packing.fill(slot)
+        packing.take(rows)
         barren = set() if len(rows) else barren | {kind}
         bin[rows], corner[rows] = slot, corners
         order.append(rows)
@@ -47,7 +48,7 @@ def pack_by_rules(
     return Genes(rows, packing.turn, genes.pool), bin, corner
 
 
-class _Packing:
+class Packing:
     """What waits to be packed, and how one bin after the other is filled with it."""
 
     def __init__(self, loading: Loading, genes: Genes, stop: Stop, to_end: bool) -> None:
@@ -55,18 +56,26 @@ class _Packing:
         self.rules, self.most = asked_rules(loading), len(genes.order)
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
-        items, asked = loading.items, loading.asked
-        self.waiting = genes.order[np.argsort(-asked.stop[items[genes.order]], kind="stable")]
-        self.group = asked.group[items]
+        self.waiting, self.group = genes.order, loading.asked.group[loading.items]
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
+        self.arrange(np.arange(len(genes.order)))
+
+    def arrange(self, place: np.ndarray) -> None:
+        """Puts what waits in this order, but what is unloaded last before the others.
+
+        Args:
+            place: int [n], of `waiting`.
+        """
+        rows = self.waiting[place]
+        stop = self.loading.asked.stop[self.loading.items[rows]]
+        self.waiting = rows[np.argsort(-stop, kind="stable")]
+
+    def take(self, rows: np.ndarray) -> None:
+        """These rows of the stock do not wait any more."""
+        self.waiting = self.waiting[~np.isin(self.waiting, rows)]
 
     def fill(self, slot: int) -> tuple[np.ndarray, np.ndarray]:
         """(rows of the stock, corners) of what comes into that bin, in the order of loading."""
-        rows, corners = self._filled(slot)
-        self.waiting = self.waiting[~np.isin(self.waiting, rows)]
-        return rows, corners
-
-    def _filled(self, slot: int) -> tuple[np.ndarray, np.ndarray]:
         full = self._loaded(slot)
         if self.loading.rules.balance is None or not full.load.rows:
             return np.array(full.load.rows, np.int64), full.load.corners
@@ -104,6 +113,9 @@ class _Packing:
             seen.update(rows)
             if not bin.take_all(rows) and late and bin.load.rows:
                 break
+        if not bin.load.rows:  # groups that fitted one bin in another order
+            for row in self.waiting[~np.isin(group, [-1, *self.loading.groups])].tolist():
+                bin.take(row)
         return bin
 
     def _begin(self, bin: RuledBin) -> None:

@@ -43,7 +43,6 @@ class RuledBin:
         if items < len(rows):
             self.load.cut(items)
             self.in_vain.clear()
-        rows = self.load.rows
         self.apart = set(loading.asked.apart[loading.items[rows]].tolist()) - {-1}
         self.left = self.limit - int(loading.stock.weight[rows].sum())
         self.free = self.space - sum(map(self._volume, rows))
@@ -80,7 +79,8 @@ class RuledBin:
         before = len(self.load.rows)
         for row in rows:
             if not self.take(row):
-                self.cut(before)
+                if len(self.load.rows) > before:
+                    self.cut(before)
                 return not before and len(rows) > 1 and self.take_shelved(rows)
         return True
 
@@ -131,7 +131,8 @@ class RuledBin:
         return holds(self.loading, load.slot, rows, self.turn, corner)
 
     def _volume(self, row: int) -> float:
-        return float(self.loading.stock.sizes[row, self.turn[row]].prod(dtype=np.float64))
+        x, y, z = self.loading.stock.sizes[row, 0].tolist()
+        return float(x * y * z)
 
 
 def holds(
