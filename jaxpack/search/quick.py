@@ -22,7 +22,7 @@ from jaxpack.search.ruled_draws import draw_bins
 
 SORTS = 12  # of `lane_genes`, without noise
 PATIENCE = 60  # packings without a better one, and as many as there are runs, before a new start
-ANNEALED = 8  # packings of orders after each pass of bins that are drawn, by rules of their own
+ANNEALED, RULED_SORTS = 4, 4  # packings of orders by rules of their own: between passes, before
 HEAT = 0.05  # rises of this size are accepted one time in three, in prices
 
 Stop = Callable[[], bool]
@@ -77,7 +77,7 @@ def search_quickly(
     """
     random = np.random.default_rng([seed, 1])
     best = first
-    for lane in range(1, sorts + 1):
+    for lane in range(1, min(sorts, RULED_SORTS) + 1 if loading.ruled else sorts + 1):
         new = _packed(loading, lane_genes(loading, seed, lane), stop)
         yield new
         if new is None:
