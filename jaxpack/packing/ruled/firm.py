@@ -42,11 +42,13 @@ class Firm(BoxRule):
     def _products(self, at: Places) -> tuple[np.ndarray, np.ndarray]:
         """Of every quadrant: reach along x times reach along y of every box, float64
         [2, 2, C, B], 0 if it is not enough; and both, int64 [2 axes, 2, 2, C, B], in half units.
+        Of boxes only those that one of the places is on.
         """
-        n, double = self.load.count, (at.low + at.high)[:2, :, None]
-        low = np.maximum(at.low[:2, :, None], self.low[:, None, :n])
-        high = np.minimum(at.high[:2, :, None], self.high[:, None, :n])
-        lies = (at.area > 0) & (low < high).all(0)
+        double, lies = (at.low + at.high)[:2, :, None], at.area > 0
+        some = np.flatnonzero(lies.any(0))
+        low = np.maximum(at.low[:2, :, None], self.low[:, None, some])
+        high = np.minimum(at.high[:2, :, None], self.high[:, None, some])
+        lies = lies[:, some] & (low < high).all(0)
         sides = (at.high - at.low)[:2, :, None]
         reach = np.stack([double - 2 * low, 2 * high - double])  # [far ends, axes, C, B]
         enough = (reach * (MARGIN // 2) >= sides) & lies

@@ -175,7 +175,14 @@ class Load:
         self.item[n] = at.item
         self.rows.append(row)
         self.count += 1
-        self._lines()
+        for axis in range(1 if self.loading.flat else 2):
+            start = -(-(self.high[axis, n] + self.asked.gap) // self.step) * self.step
+            lines = self.lines[axis]
+            place = int(lines.searchsorted(start))
+            if place == len(lines) or lines[place] != start:
+                self.lines[axis] = _with(lines, place, int(start))
+        place = int(self.rest[self.rising].searchsorted(self.rest[n], "right"))
+        self.rising = _with(self.rising, place, n)
 
     def cut(self, items: int) -> None:
         """Takes all out again but the first."""
@@ -228,6 +235,10 @@ class Load:
         positions = Positions(x, y, z, size, room, lambda: _contact(at), lambda: _waste(at))
         keys = (x, y, *reversed(rule(positions)))
         return _rank([np.broadcast_to(key, z.shape) for key in keys])
+
+
+def _with(values: np.ndarray, place: int, value: int) -> np.ndarray:
+    return np.concatenate([values[:place], [value], values[place:]])
 
 
 def _rank(keys: list[np.ndarray]) -> np.ndarray:
