@@ -5,7 +5,7 @@ say. Those of a group that fit one bin are loaded together, or not into this one
 fills bins of its own, until what is left of it fits one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from jaxpack.packing.ruled import asked_rules
 from jaxpack.packing.ruled.balance import Balance
 from jaxpack.packing.ruled.filling import RuledBin
 
+FEW = 256  # rows that are looked up together
 Stop = Callable[[], bool]
 
 
@@ -33,7 +34,8 @@ def pack_by_rules(
     packing = Packing(loading, genes, stop, to_end)
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     order, barren = list[np.ndarray](), set[int]()
-    for slot in genes.pool.tolist():
+    for number, slot in enumerate(genes.pool.tolist(), 1):
+        packing.more = number < len(genes.pool)
         kind = int(loading.bins[slot])
         if kind in barren:  # what waits has not changed since nothing of it fitted such a bin
             continue
@@ -57,6 +59,7 @@ class Packing:
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
+        self.more = True  # whether there is a bin after this one
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
 
@@ -101,30 +104,40 @@ class Packing:
         if always:
             bin.load.rules.append(Balance(bin.load))
         self._begin(bin)
-        seen, group = set(bin.load.rows), self.group[self.waiting]
-        scattered = {*group.tolist()} - self.together - {-1}
-        for row, code in zip(self.waiting.tolist(), group.tolist(), strict=True):
+        for rows in self._offers(set(bin.load.rows)):
             late = self.stop()
             if late and not self.to_end:
                 break
-            if row in seen or code in scattered:
-                continue
-            rows = [row] if code < 0 else self.waiting[group == code].tolist()
-            seen.update(rows)
-            if not bin.take_all(rows) and late and bin.load.rows:
+            if not bin.take_all(rows) and late and bin.load.rows and self.more:
                 break
         if not bin.load.rows:  # groups that fitted one bin in another order
-            for row in self.waiting[~np.isin(group, [-1, *self.loading.groups])].tolist():
+            scattered = ~np.isin(self.group[self.waiting], [-1, *self.loading.groups])
+            for row in self.waiting[scattered].tolist():
                 bin.take(row)
         return bin
+
+    def _offers(self, there: set[int]) -> Iterator[list[int]]:
+        """What is loaded together, as it waits, but for these rows and groups that fit no bin."""
+        group = self.group[self.waiting]
+        if (group < 0).all():
+            for start in range(0, len(group), FEW):
+                yield from ([row] for row in self.waiting[start : start + FEW].tolist())
+            return
+        seen = {*group.tolist()} - self.together - {-1}
+        for row, code in zip(self.waiting.tolist(), group.tolist(), strict=True):
+            if row in there or code in seen:
+                continue
+            if code >= 0:
+                seen.add(code)
+            yield [row] if code < 0 else self.waiting[group == code].tolist()
 
     def _begin(self, bin: RuledBin) -> None:
         """Fills the bin from the first group that is more than fits it; of others it is noted that
         what is left of them does fit one bin.
         """
         group = self.group[self.waiting]
-        for code in dict.fromkeys(group.tolist()):
-            if code < 0 or code in self.together:
+        for code in dict.fromkeys(group[group >= 0].tolist()):
+            if code in self.together:
                 continue
             rows = self.waiting[group == code].tolist()
             taken = sum(map(bin.take, rows))
