@@ -21,21 +21,26 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     """Options from the command line. Raises UserError where they are off; exits 0 after --help."""
     import tyro  # not for those who parse nothing
 
-    printed = io.StringIO()
+    printed, named = io.StringIO(), (tyro.conf.PositionalMetavarFromFieldName,)
     try:
         with contextlib.redirect_stderr(printed):
-            return tyro.cli(options, prog=called(door), args=list(argv))
+            return tyro.cli(options, prog=called(door), args=list(argv), config=named)
     except SystemExit as stop:
         if not stop.code:
             raise
-    # tyro frames its errors and adds advice below a rule: keep the sentence, drop the rest. Where
+    # tyro frames its errors and adds advice below a rule, and far to the right the help of every
+    # option that it names: keep the sentence and which option may be meant, drop the rest. Where
     # a terminal has no lines to draw, rules are dashes and there is one below the title too.
     text = re.sub(r"\x1b\[[0-9;]*m", "", printed.getvalue())
+    text = re.sub(r"(?m)^.? {9}.*\n", "", text)
     lines = [line.strip(" │|╭╮╰╯") for line in text.splitlines()]
     rules = [i for i, line in enumerate(lines) if i > 1 and line and not line.strip("─-")]
     end = rules[0] if rules else len(lines)
     sentence = " ".join(line for line in lines[1:end] if line.strip("-"))
     sentence = sentence.split(" Got errors:")[0].rstrip(".")
+    close = [line.split()[0] for line in lines[end:] if re.match("--[a-z]", line)]
+    if close and sentence.startswith("Unrecognized"):
+        sentence += f" ({' or '.join(close)}?)"
     raise UserError(f"{sentence}; see {called(door)} --help")
 
 

@@ -349,6 +349,13 @@ def test_bad_input_is_one_line(home, monkeypatch, capsys, name):
     assert sorted(home.iterdir()) == before
 
 
+def test_what_is_not_given_is_named(home, monkeypatch, capsys):
+    for given, missing in ((["p.csv"], "ITEMS"), ([], "PLAN ITEMS")):
+        code, _, (error,) = checked(monkeypatch, capsys, *given)
+        assert code == 2
+        assert error.startswith(f"error: Missing from python -m jaxpack.check: {missing}; see ")
+
+
 @pytest.mark.slow
 def test_a_plan_of_more_items_than_a_job_may_have(home, monkeypatch, capsys):
     rows = ["TYPE,ID,COPIES,BIN,X,Y,Z,LX,LY,LZ,ROTATION", "BIN,0,100000,0,0,0,0,10,4,5,"]

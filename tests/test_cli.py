@@ -177,6 +177,8 @@ BAD = [
     ("train --start-from nobody", "no policy 'nobody': choose from"),
     ("train --start-from pointer-2d", "pointer-2d: its network is not the one to train"),
     ("train --colour red", "Unrecognized options: --colour"),
+    ("train --epoch 3", "Unrecognized options: --epoch, 3 (--epochs?); see"),
+    ("evaluate --instance 3 --batc 4", " (--batch or --instances?); see"),
 ]
 
 

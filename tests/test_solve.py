@@ -193,7 +193,7 @@ def test_items_without_bins_are_refused(home, monkeypatch, capsys):
     assert run(monkeypatch, "items.csv") == 2
     assert "items.csv: a CSV file of items needs one of bins too" in capsys.readouterr().err
     assert run(monkeypatch) == 2
-    assert capsys.readouterr().err.startswith("error: Missing from python -m jaxpack.solve: PATH")
+    assert capsys.readouterr().err.startswith("error: Missing from python -m jaxpack.solve: ITEMS;")
 
 
 def test_a_byte_order_mark_and_capitals_are_fine(home, monkeypatch, capsys, quick):
