@@ -81,6 +81,38 @@ def test_no_subset_is_worth_more_than_the_bound(seed):
     assert reached > 40
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_fewer_items_are_left_out_than_the_bound_says(seed):
+    rng, reached, some = random.Random(seed), 0, 0
+    for _ in range(100):
+        job = tiny_job(rng, "bins")
+        alike = replace(
+            job,
+            items=tuple(replace(item, profit=1.0) for item in job.items),
+            objective="value",
+        )
+        packed, bins, volume = greatest_value(alike)
+        worth = job.count - packed, -bins, -volume
+        found = bounds(job)
+        assert found.worth <= worth, job
+        if worth[0] > found.unfit:
+            some, reached = some + 1, reached + (found.worth == worth)
+    assert some > 10
+    assert reached > some / 3
+
+
+@pytest.mark.parametrize("objective", ["bins", "price", "value"])
+@pytest.mark.parametrize("bins", [1, 2, 3])
+def test_bins_that_are_full_end_the_search(objective, bins, uncompiled):
+    profits = (2.0, 3.0) if objective == "value" else (None, None)
+    items = tuple(ItemType((5, 5, 5), 20, profit=profit) for profit in profits)
+    job = Job(items, (BinType((10, 10, 10), copies=bins, cost=7),), objective=objective)
+    found = solve_job(job, SolveOptions(packings=100))
+    assert found.end is End.BOUND
+    assert found.packings < 5
+    assert (len(found.plan.bins), len(found.plan.left_out)) == (bins, 40 - 8 * bins)
+
+
 def everything(job, score):
     """The least score of first fit over all orders, orientations and sequences of bins.
 

@@ -14,18 +14,17 @@ from functools import lru_cache
 import numpy as np
 
 from jaxpack.model.cover import Need, least
-from jaxpack.model.exact import exact
 from jaxpack.model.figures import parts_of
-from jaxpack.model.goods import UNLIMITED, Goods, goods_of
+from jaxpack.model.goods import LONGEST, UNLIMITED, Goods, goods_of
 from jaxpack.model.hints import apart_items
 from jaxpack.model.job import BinType, Job
+from jaxpack.model.knapsack import cheapest, most_of
 from jaxpack.model.martello import at_least, l1_and_l2, one_dimensional
 from jaxpack.model.scales import scaled_needs
 from jaxpack.model.sums import sums
 from jaxpack.model.units import common
 
 WORK = 2**23  # products of lengths in scales, about: a tenth of a second
-LONGEST = 2**16  # units of a side of which it is found out what the items come to
 LIGHT = 40  # bits of a weight
 HEIGHTS = 12  # that are tried
 ALIKE = 4  # rows of items of which it is found out how many bins they need alone
@@ -45,8 +44,8 @@ class Bounds:
 def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -> Bounds:
     """Bounds of a job, in work that hardly grows with it: a fraction of a second, under 200 MB.
 
-    Where there are not as many bins as are needed, no plan is what the bounds are for; what they
-    are then means nothing.
+    Where there are not as many bins as are needed, no plan is what `bins` and `cost` are for; what
+    they are then means nothing. `worth` is of what the bins can hold.
 
     Args:
         parts: what of the bins is minimised, the most important first: see `figures.parts_of`.
@@ -67,7 +66,12 @@ def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -
     needs.append(Need(int(bins), (1,) * len(costs)))
     sums = _least(parts, goods.kinds, needs)
     cost = sums[0] if parts[0] == "cost" else _least(("cost",), goods.kinds, needs)[0]
-    return Bounds(int(bins), float(cost), goods.unfit, (goods.unfit, *sums), float(sums[0]))
+    worth: tuple[Fraction | int, ...] = (goods.unfit, *sums)
+    if all(kind.copies is not None for kind in goods.kinds):
+        most, few = most_of(goods, [1] * len(goods.copies))
+        if missing := int(goods.copies.sum()) - most:
+            worth = goods.unfit + missing, *cheapest(parts, goods.kinds, few)
+    return Bounds(int(bins), float(cost), goods.unfit, worth, float(sums[0]))
 
 
 def volume_bound(job: Job) -> int:
@@ -88,33 +92,6 @@ def martello_bounds(job: Job, halves: bool = False) -> tuple[int, int]:
     return l1_and_l2(goods_of(job), halves)
 
 
-def most_profit(job: Job) -> tuple[Fraction, Goods]:
-    """No subset of the items that the bins can hold is worth more; and these items.
-
-    By the volume of the bins and by their weight limits: the relaxed knapsack problem of each,
-    where an item may be in a bin in part.
-    """
-    goods = goods_of(job)
-    volumes = [math.prod(row) for row in goods.sizes[0].tolist()] if len(goods.copies) else []
-    cube = goods.unit ** len(goods.axes)
-    profits = [
-        exact(profit) if profit >= 0 else volume * cube
-        for profit, volume in zip(goods.profits.tolist(), volumes, strict=True)
-    ]
-    unit = _unit(profits)
-    values = [int(profit / unit) for profit in profits]
-    most = sum(map(math.prod, zip(values, goods.copies.tolist(), strict=True)))
-    amounts = [(volumes, list(map(math.prod, _shrunk(goods).tolist())) if values else [])]
-    if (goods.limits < UNLIMITED).all():
-        amounts.append((goods.weights.tolist(), goods.limits.tolist()))
-    for each, rooms in amounts:
-        there = [(room, kind.copies) for room, kind in zip(rooms, goods.kinds, strict=True)]
-        if all(copies is not None for _, copies in there):
-            capacity = sum(room * (copies or 0) for room, copies in there)
-            most = min(most, _relaxed_knapsack(values, each, goods.copies.tolist(), capacity))
-    return most * unit, goods
-
-
 def least_height(job: Job, seconds: float | None = None) -> tuple[Fraction, Goods]:
     """No plan with all items that fit into the one bin is lower; and these items.
 
@@ -128,7 +105,7 @@ def least_height(job: Job, seconds: float | None = None) -> tuple[Fraction, Good
     begun, goods = time.monotonic(), goods_of(job)
     if not len(goods.copies):
         return Fraction(0), goods
-    rooms, heights = _shrunk(goods)[0].tolist(), goods.sizes[..., 2]
+    rooms, heights = goods.filled()[0].tolist(), goods.sizes[..., 2]
     volumes = _sum_of_products(*goods.sizes[0].T, goods.copies)
     least = max(-(-volumes // (rooms[0] * rooms[1])), int(heights.min(0).max()))
     low, high, tried, step = least - 1, math.inf, least, 1 + least // 256
@@ -156,24 +133,6 @@ def _needs_two(goods: Goods, height: int) -> bool:
     sizes = np.where(fits[..., None], goods.sizes, first)
     lower = replace(goods, sizes=sizes, rooms=rooms, limits=np.full(len(rooms), UNLIMITED))
     return any(_bins(need) > 1 for need in _needs(lower, np.ones(len(rooms))))
-
-
-def _relaxed_knapsack(values: list[int], each: list[int], copies: list[int], capacity: int) -> int:
-    """The most value of copies that need at most the capacity, rounded down: by its dual, which
-    bounds it for any price of the capacity and is it for the right one.
-    """
-    density = np.array([float(v) / a if a else math.inf for v, a in zip(values, each, strict=True)])
-    rows, left = np.argsort(-density, kind="stable").tolist(), capacity
-    for row in rows:
-        left -= each[row] * copies[row]
-        if left < 0:
-            price = Fraction(values[row], each[row])
-            break
-    else:
-        price = Fraction(0)
-    gain, per = price.numerator, price.denominator
-    over = (max(0, per * v - gain * a) * n for v, a, n in zip(values, each, copies, strict=True))
-    return (gain * capacity + sum(over)) // per
 
 
 def _least(parts: tuple[str, ...], kinds: tuple[BinType, ...], needs: list[Need]) -> list[Fraction]:
@@ -221,7 +180,7 @@ def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
     for group in groups:
         if group is not goods:
             yield _number(group)
-        sizes, rooms = group.sizes[..., list(group.axes)], _shrunk(group)[:, list(group.axes)]
+        sizes, rooms = group.sizes[..., list(group.axes)], group.filled()[:, list(group.axes)]
         yield from scaled_needs(sizes, group.copies, rooms, prices, WORK // len(groups))
         weights, copies, limits = _heavy(group)
         if len(weights):
@@ -249,7 +208,7 @@ def _alone(goods: Goods) -> Iterator[Need]:
     for row in np.argsort(-volumes * goods.copies, kind="stable")[:ALIKE].tolist():
         own = replace(goods, sizes=goods.sizes[:, [row]], copies=goods.copies[[row]])
         volume, weight = math.prod(own.sizes[0, 0].tolist()), int(goods.weights[row])
-        most = [math.prod(room) // volume for room in _shrunk(own).tolist()]
+        most = [math.prod(room) // volume for room in own.filled().tolist()]
         if weight:
             most = [
                 min(n, limit // weight)
@@ -318,17 +277,3 @@ def _fewest(amount: int, bins: list[tuple[int, int | None]]) -> int:
         count += taken
         amount -= taken * capacity
     return count
-
-
-def _shrunk(goods: Goods) -> np.ndarray:
-    """The rooms [kinds, 3] less what no items side by side can fill, where that is soon said."""
-    rooms = goods.rooms.copy()
-    for axis in goods.axes:
-        longest = int(rooms[:, axis].max())
-        if longest > LONGEST:
-            continue
-        reached = sums(goods.sizes[..., axis], goods.copies, longest)
-        rooms[:, axis] = [
-            (reached & ((2 << room) - 1)).bit_length() - 1 for room in rooms[:, axis].tolist()
-        ]
-    return rooms

@@ -10,10 +10,10 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.asked import Asked, asked_of
-from jaxpack.model.bounds import most_profit
 from jaxpack.model.figures import profit_of
 from jaxpack.model.hints import apart_message, unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
+from jaxpack.model.knapsack import most_profit
 from jaxpack.model.objectives import Objective, objective_of
 from jaxpack.model.places import beside_obstacles, room_of
 from jaxpack.model.rules import Rules
@@ -358,5 +358,5 @@ def _profits(job: Job) -> np.ndarray:
     """Of every item type, float32; see `Stock.profit`."""
     if "PROFIT" not in objective_of(job).obeys:
         return np.zeros(len(job.items), np.float32)
-    most, _ = most_profit(job)
+    most, _, _ = most_profit(job)
     return np.array([float(profit_of(item) / (most or 1)) for item in job.items], np.float32)

@@ -10,10 +10,12 @@ from jaxpack.model.exact import whole
 from jaxpack.model.job import ORIENTATIONS, BinType, Job
 from jaxpack.model.places import room_of
 from jaxpack.model.rules import Rules
+from jaxpack.model.sums import sums
 
 UNLIMITED = np.iinfo(np.int64).max  # a bin without limit of its weight
 MOST_PAIRS = 2**21  # rows x bins of which it is noted which fits which
 MOST_GROUPS = 6
+LONGEST = 2**16  # units of a side of which it is found out what the items come to
 _AXES = np.array(list(ORIENTATIONS.values()))
 
 
@@ -65,6 +67,19 @@ class Goods:
                 self.unit,
                 self.profits[rows],
             )
+
+    def filled(self) -> np.ndarray:
+        """The rooms [kinds, 3] less what no items side by side fill, where that is soon said."""
+        rooms = self.rooms.copy()
+        for axis in self.axes:
+            longest = int(rooms[:, axis].max())
+            if longest > LONGEST:
+                continue
+            reached = sums(self.sizes[..., axis], self.copies, longest)
+            rooms[:, axis] = [
+                (reached & ((2 << room) - 1)).bit_length() - 1 for room in rooms[:, axis].tolist()
+            ]
+        return rooms
 
 
 def goods_of(job: Job) -> Goods:

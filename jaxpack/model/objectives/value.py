@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxpack.model.bounds import Bounds, most_profit
-from jaxpack.model.figures import bins_worth, plan_profit, profit_of, volume
+from jaxpack.model.bounds import Bounds
+from jaxpack.model.figures import bins_worth, plan_profit, profit_of
 from jaxpack.model.job import Job, Plan
+from jaxpack.model.knapsack import cheapest, most_profit
 from jaxpack.model.objectives.base import Objective, Placed, sum_by_bin
 
 if TYPE_CHECKING:
@@ -22,9 +23,8 @@ def _worth(job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
 
 
 def _bound(job: Job, seconds: float | None) -> Bounds:
-    most, goods = most_profit(job)
-    least = min((volume(kind.size) for kind in goods.kinds), default=Fraction(0))
-    worth = (-most, 1, least) if most else (most, 0, 0)
+    most, few, goods = most_profit(job)
+    worth = -most, *cheapest(VALUE.parts, goods.kinds, few)
     return Bounds(0, 0.0, goods.unfit, worth, float(most))
 
 
