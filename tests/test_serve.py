@@ -401,6 +401,53 @@ def test_without_the_extra_a_line_says_what_to_install():
     assert done.stderr == "error: fastapi is not installed: pip install 'jaxpack[serve]'\n"
 
 
+def drop(page, where, path):
+    """Drags a file of the desktop over a place of the page and lets it go there."""
+    box, session = page.locator(where).bounding_box(), page.context.new_cdp_session(page)
+    at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+    data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver", "drop"):
+        if kind == "drop":
+            assert page.locator(".over").count() == 1
+        session.send("Input.dispatchDragEvent", {"type": kind, "data": data, **at})
+
+
+@pytest.mark.slow
+def test_files_that_are_dropped_on_the_page_are_packed_shown_and_saved(service, tmp_path):
+    from playwright.sync_api import sync_playwright
+
+    (tmp_path / "items.csv").write_text("X,Y,Z,COPIES,NAME\n5,5,5,9,cube\n")
+    (tmp_path / "bins.csv").write_text("X,Y,Z\n10,10,10\n")
+    (tmp_path / "other.csv").write_text("X,Y,Z,COPIES\n5,5,5,3\n")
+    wrong = []
+    with sync_playwright() as playwright:
+        options = {"args": ["--enable-unsafe-swiftshader"]}
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), **options)
+        page = browser.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.goto(str(service.http.base_url))
+        drop(page, ".drop:has(#bins)", tmp_path / "bins.csv")
+        drop(page, ".drop:has(#items)", tmp_path / "items.csv")
+        assert page.locator(".over").count() == 0
+        page.click("button")
+        page.locator("#said").filter(has_text="2 bins; lower bound 2").wait_for()
+        frame = page.frame_locator("#plan")
+        frame.locator("#plot canvas").first.wait_for()
+        assert frame.locator("#count").text_content() == "9 of 9"
+        inside = page.frames[1]
+        assert inside.evaluate("jaxpack.shown()") == list(range(1, 10))
+        for link, name in (("#json", "plan.json"), ("#html", "plan.html")):
+            with page.expect_download() as download:
+                page.click(link)
+            assert download.value.suggested_filename == name
+            assert b"cube" in download.value.path().read_bytes()
+        drop(page, "h1", tmp_path / "other.csv")  # beside both: it is not opened, it is the items
+        page.click("button")
+        page.locator("#said").filter(has_text="1 bin; lower bound 1").wait_for()
+        browser.close()
+    assert wrong == []
+
+
 @pytest.mark.slow
 def test_the_page_packs_files_and_shows_the_plan(service, tmp_path):
     from playwright.sync_api import sync_playwright
@@ -425,7 +472,7 @@ def test_the_page_packs_files_and_shows_the_plan(service, tmp_path):
             page.fill(f"#{side}", "10")
         page.click("button")
         page.wait_for_selector("#plan:not([hidden])")
-        assert page.locator("#said").text_content() == "1 bins; at least 1 are needed"
+        assert page.locator("#said").text_content() == "1 bin; lower bound 1"
         frame = page.frame_locator("#plan")
         frame.locator("#count").wait_for()
         assert frame.locator("#count").text_content() == "4 of 4"
@@ -435,7 +482,7 @@ def test_the_page_packs_files_and_shows_the_plan(service, tmp_path):
         assert len(json.loads(download.value.path().read_text())["bins"]) == 1
         page.set_input_files("#bins", tmp_path / "bins.csv")
         page.click("button")
-        page.locator("#said").filter(has_text="1 bins").wait_for()
+        page.locator("#said").filter(has_text="1 bin;").wait_for()
         assert {url.split("/")[2] for url in asked if url.startswith("http")} == {
             base.split("/")[2]
         }

@@ -5,6 +5,7 @@ packages or from `playwright install chromium`.
 import math
 import re
 import shutil
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -220,6 +221,20 @@ def test_a_plan_without_bins_and_a_bin_without_items_open(show, dimension):
     assert page.locator("#step").count() == 0
     page = show(job, Plan((PackedBin(0, ()), PackedBin(1, ()))))
     assert shown(page) == []
+
+
+@pytest.mark.parametrize("width", [330, 720, 950])
+@pytest.mark.parametrize("bins", [1, 2, 5])
+def test_nothing_is_cut_off_in_a_narrow_window(show, width, bins):
+    job = Job((ItemType((12.0, 8.0, 15.0), bins),), (BinType((12.0, 8.0, 16.0)),))
+    page = show(job, Plan((PackedBin(0, (Placement(0, "XYZ", (0.0, 0.0, 0.0)),)),) * bins))
+    page.set_viewport_size({"width": width, "height": 800})
+    page.reload()
+    until(page, "!!window.jaxpack")
+    seen = image.imread(BytesIO(picture(page)))[32:-12, 22:-22, :3]  # less the margins
+    assert seen.min() < 0.5
+    for edge in (seen[0], seen[-1], seen[:, 0], seen[:, -1]):
+        assert (edge == 1).all()
 
 
 def test_a_thousand_items_open_and_step(show):

@@ -61,8 +61,9 @@ async function pack() {
   });
   const text = await answer.text(), plan = JSON.parse(text);
   if (!answer.ok) throw new Error(plan.detail);
-  const left = plan.left_out.length ? `, ${plan.left_out.length} items left out` : "";
-  say(`${plan.bins.length} bins${left}; at least ${plan.lower_bound} are needed`);
+  const counted = (list, what) => `${list.length} ${what}${list.length === 1 ? "" : "s"}`;
+  const left = plan.left_out.length ? `, ${counted(plan.left_out, "item")} left out` : "";
+  say(`${counted(plan.bins, "bin")}${left}; lower bound ${plan.lower_bound}`);
   URL.revokeObjectURL(field("json").href);
   field("json").href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
   field("html").href = field("plan").src = plan.page;
@@ -73,12 +74,14 @@ field("order").addEventListener("submit", (event) => {
   event.preventDefault();
   pack().catch((error) => say(error.message, true));
 });
-for (const place of document.querySelectorAll(".drop")) {
-  place.addEventListener("dragover", (event) => { event.preventDefault(); place.classList.add("over"); });
-  place.addEventListener("dragleave", () => place.classList.remove("over"));
-  place.addEventListener("drop", (event) => {
-    event.preventDefault();
-    place.classList.remove("over");
-    place.querySelector("input").files = event.dataTransfer.files;
-  });
+
+/** A file may be dropped anywhere: what is not dropped on the bins is the items. */
+const places = [...document.querySelectorAll(".drop")];
+function dragged(event) {
+  event.preventDefault(); // a browser would open it
+  const over = places.find((place) => place.contains(event.target)) ?? places[0];
+  for (const place of places) place.classList.toggle("over", event.type === "dragover" && place === over);
+  const files = event.dataTransfer.files;
+  if (event.type === "drop" && files.length) over.querySelector("input").files = files;
 }
+for (const type of ["dragover", "dragleave", "drop"]) addEventListener(type, dragged);
