@@ -16,6 +16,8 @@ from jaxpack.errors import UserError
 
 T = TypeVar("T")
 
+COLLECTED = 5_000, 20, 20  # objects more, and collections of the young, before the next ones
+
 
 def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     """Options from the command line. Raises UserError where they are off; exits 0 after --help."""
@@ -70,8 +72,7 @@ def run_door(
     # What orbax logs on a damaged checkpoint or a full disk: the one line below says it.
     for name in ("absl", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    # What the imports made stays: collections while a program is traced then skip it.
-    gc.freeze()
+    collect_seldom()
     try:
         if computes:
             prepare_jax()
@@ -94,6 +95,16 @@ def run_door(
             with contextlib.suppress(OSError):
                 stream.flush()
         os._exit(code)
+
+
+def collect_seldom() -> None:
+    """Has the garbage collector pass over what the imports made, and look less often.
+
+    Of many small objects that stay, such as those of orders, it would go through all again and
+    again; a program is traced faster, too.
+    """
+    gc.freeze()
+    gc.set_threshold(*COLLECTED)
 
 
 def prepare_jax() -> None:

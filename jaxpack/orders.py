@@ -4,15 +4,16 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jaxpack.errors import UserError
-from jaxpack.io import order_files
 from jaxpack.io.jobs import Bad, read_job
 from jaxpack.io.notes import Say
 from jaxpack.model.job import Job
-from jaxpack.model.orders import OrderFiles, Orders
 from jaxpack.plan_tables import NAMED
+
+if TYPE_CHECKING:
+    from jaxpack.model.orders import Orders
 
 
 def read_orders(
@@ -68,7 +69,7 @@ def read_orders(
     return named
 
 
-def order_instances(options: Any) -> Orders | None:
+def order_instances(options: Any) -> "Orders | None":
     """The orders of --orders as instances; None without.
 
     Args:
@@ -87,6 +88,9 @@ def order_instances(options: Any) -> Orders | None:
     for name in ("items", "bin", "sides"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: does not go with --orders, which have their own")
+    from jaxpack.io import order_files  # JAX, which the other commands can do without
+    from jaxpack.model.orders import OrderFiles
+
     bins = None if options.bins is None else str(options.bins.absolute())
     files = OrderFiles(
         str(options.orders.absolute()),

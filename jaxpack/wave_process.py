@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, Any
 
+from jaxpack.cli import collect_seldom
 from jaxpack.model.job import Job
 from jaxpack.search.portfolio import SolveOptions
 from jaxpack.search.record import Progress
@@ -26,6 +27,7 @@ TOLD = 0.2  # seconds between two messages of how far it is
 
 def main() -> None:
     """Packs what comes from standard input until it ends."""
+    collect_seldom()
     replies = os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # whatever else is printed is not a reply

@@ -36,6 +36,8 @@ def run(*arguments):
         ("import jaxpack; jaxpack.Job, jaxpack.UserError", {"numpy"}),
         ("import jaxpack; jaxpack.pack", {"numpy", "jax"}),
         (f"import jaxpack; assert {SOLVE}.figures.bins == 1", {"numpy"}),
+        ("import jaxpack.wave_process", {"numpy"}),
+        ("import jaxpack.solve, jaxpack.stream, jaxpack.check", {"numpy", "tyro", "rich"}),
     ],
 )
 def test_nothing_is_imported_before_it_is_needed(lines, allowed):
