@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import jaxpack
 from jaxpack.errors import UserError
 from jaxpack.many import pack_orders
 from jaxpack.model.encoding import load_job
+from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
 from jaxpack.model.rules import Rules
 from jaxpack.search.beam import fill
@@ -139,6 +141,23 @@ def test_more_packings_are_never_worse():
     for one, other in zip(few, more, strict=True):
         assert (other.bins, other.cost) <= (one.bins, one.cost)
         assert other.packings <= 5 + 1
+
+
+@pytest.mark.parametrize("limit", [None, 30.0])
+def test_bounds_have_no_more_time_than_there_is(monkeypatch, limit):
+    asked, begun = [], time.perf_counter()
+
+    def none(job, seconds):  # so that all orders go on until bounds are looked for
+        asked.append((seconds, time.perf_counter() - begun))
+        found = bounds(job, 0.0)
+        return replace(found, worth=(0, 0, 0), best=0.0)
+
+    monkeypatch.setattr("jaxpack.search.wave.bounds", none)
+    pack_wave(orders_of(3), SolveOptions(packings=12, time_limit=limit))
+    later = [(seconds, at) for seconds, at in asked if seconds != 0.0]
+    assert len(later) == 3
+    for seconds, at in later:
+        assert seconds == math.inf if limit is None else seconds <= limit - at + 0.1
 
 
 def test_what_ended_an_order_is_said():

@@ -101,7 +101,7 @@ class _Order:
         plan = replace(now.plan, bins=bins, left_out=tuple(place[n] for n in now.plan.left_out))
         return replace(now, job=self.given, plan=plan)
 
-    def bound(self, seconds: float | None) -> None:
+    def bound(self, seconds: float) -> None:
         """Looks for better bounds."""
         if progress := self.record.bounded(bounds(self.job, seconds, self.loading.rules)):
             self.ended = progress.end
@@ -203,7 +203,8 @@ class _Wave:
                 self.tell(one.number, one.record.progress(None))
             going = one.above and not one.ended and one.record.packings < self.most
             if going and one.turns in BOUNDED and not self.late():
-                one.bound(None if self.options.packings else BOUNDED[one.turns])
+                most = inf if self.options.packings else BOUNDED[one.turns]
+                one.bound(min(most, self.end - perf_counter()))
         self.keep(done)
 
     def keep(self, orders: Sequence[_Order]) -> None:
