@@ -14,19 +14,20 @@ from jaxpack.errors import UserError
 from jaxpack.model.job import Job, PackedBin, Placement, Plan
 
 FRICTION = 0.5  # cardboard on cardboard or on a wooden pallet: UN/ECE's CTU Code, appendix 2
-STEP = 0.002  # seconds
+STEP = 0.001  # seconds
 PAUSE = 0.2  # seconds between two items: one that tips has moved a centimetre by then
 REST = 2.0  # seconds after the last one
 SHOWN = 0.1  # seconds between two looks at the items that come to rest
-SLACK = 1e-3
+SLACK = 3e-3
 """Share of an item's least side by which it is shorter along x and y, and let go above its place.
 
 Faces that touch exactly would hold an item that leans by friction, like a cork, and one that is
-carried by exactly half would stand on a knife's edge.
+carried by exactly half would stand on a knife's edge. Less of it, and what has come to lean on a
+neighbour's place by a hair keeps that one from getting there.
 """
-LEAST = 1e-4  # metres: the inertia of what is smaller is nothing to MuJoCo
+LEAST = 2e-4  # metres: the inertia of what is smaller is nothing to MuJoCo
 DEPTH = 0.1  # metres along y of the items of a 2D plan, which stay in their plane
-STIFF = (0.006, 1.0), (0.998, 0.9995, 0.001, 0.5, 2.0)
+STIFF = (0.003, 1.0), (0.998, 0.9995, 0.001, 0.5, 2.0)
 """MuJoCo's solref and solimp of contacts: as hard as three steps allow, so that a tower of ten
 sinks by less than a ten thousandth of its bin."""
 GRIP = 10.0  # MuJoCo's impratio, with elliptic cones: what leans would creep without
