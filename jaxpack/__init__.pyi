@@ -35,6 +35,7 @@ from jaxpack.model.problem import Packing as Packing
 from jaxpack.model.problem import Problem as Problem
 from jaxpack.model.problem import make_instance as make_instance
 from jaxpack.model.rules import Rules as Rules
+from jaxpack.model.tariff import Tariff as Tariff
 from jaxpack.packing.env import Choice as Choice
 from jaxpack.packing.env import observe as observe
 from jaxpack.packing.env import positions as positions

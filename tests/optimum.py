@@ -23,7 +23,7 @@ def optimum(job):
         if any(row[number] and kind.copies != 0 for row, kind in zip(ways, job.bins, strict=True))
     ]
     loads = [_loads(job, kind, row, fitting) for kind, row in zip(job.bins, ways, strict=True)]
-    prices = [kind.price for kind in job.bins]
+    prices = [float(kind.price_of()) for kind in job.bins]
     rooms = [math.prod(kind.size) for kind in job.bins]
 
     @cache

@@ -62,7 +62,7 @@ def test_figures_are_those_of_fractions(dimension):
         plan = plan_of(*bins, left_out=(0, 3))
         inside = [sum(volume(job.items[item].size) for item in held) for _, held in bins]
         rooms = [volume(job.bins[kind].size) for kind, _ in bins]
-        cost = sum(exact(job.bins[kind].price) for kind, _ in bins)
+        cost = sum(job.bins[kind].price_of() for kind, _ in bins)
         weight = sum(exact(job.items[item].weight) for _, held in bins for item in held)
         figures = plan_figures(job, plan)
         assert figures == PlanFigures(

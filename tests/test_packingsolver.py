@@ -26,7 +26,7 @@ def said(job):
         replace(
             kind,
             name="",
-            cost=kind.price,
+            cost=float(kind.price_of()),
             copies=job.count if kind.copies is None else min(kind.copies, job.count),
         )
         for kind in job.bins

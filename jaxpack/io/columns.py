@@ -103,16 +103,20 @@ ITEMS = Kind(
     foreign=foreign.OF_ITEMS,
     texts=("GROUP", "APART"),
 )
+TARIFF = ("COST_PER_WEIGHT", "DIVISOR", "OWN_WEIGHT")
 BINS = Kind(
-    numbers=("COST", "COPIES", "MAXIMUM_WEIGHT", "MAXIMUM_ITEMS"),
+    numbers=("COST", "COPIES", "MAXIMUM_WEIGHT", "MAXIMUM_ITEMS", *TARIFF),
     flags={2: (), 3: ()},
     meant={
         **dict.fromkeys(("MAX_ITEMS", "ITEM_LIMIT"), "MAXIMUM_ITEMS"),
         **dict.fromkeys((*_COUNTS, "STOCK", "AVAILABLE"), "COPIES"),
         **dict.fromkeys(_LOADS, "MAXIMUM_WEIGHT"),
         **dict.fromkeys(("PRICE", "UNIT_COST"), "COST"),
+        **dict.fromkeys(("TARE", "TARE_WEIGHT", "EMPTY_WEIGHT"), "OWN_WEIGHT"),
+        **dict.fromkeys(("PRICE_PER_WEIGHT", "COST_PER_KG", "PRICE_PER_KG"), "COST_PER_WEIGHT"),
     },
     foreign=foreign.OF_BINS,
+    texts=("BANDS",),
 )
 
 _UNIT = "|".join(UNITS)

@@ -21,7 +21,8 @@ def read_orders(files: OrderFiles, say: Say = silent) -> Orders:
     """
     jobs = read_job(files.orders, files.bins, ignore=files.ignore, by_order=True, say=say)
     kind = bin_of(jobs, files)
-    alone = [replace(job, bins=(replace(kind, cost=None),), objective="bins") for job in jobs]
+    kind = replace(kind, cost=None, tariff=None)
+    alone = [replace(job, bins=(kind,), objective="bins") for job in jobs]
     orders = orders_of(alone, files)
     if missing := sum(job.count for job in jobs) - int((orders.goods.rows >= 0).sum()):
         say(f"{files.orders}: {missing:,} items that the bin cannot hold are left out")

@@ -23,12 +23,13 @@ from jaxpack.io.texts import (
     read_json,
     write_text,
 )
-from jaxpack.model.figures import profit_of
+from jaxpack.model.figures import load_of, profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
 from jaxpack.model.limits import BinLimits, ItemLimits
 from jaxpack.model.numbers import as_number, as_size, fault, plain, show
 from jaxpack.model.objectives import named, objective_of
 from jaxpack.model.rules import Rules
+from jaxpack.model.tariff import Tariff
 
 
 def write_plan_json(path: Path, job: Job, plan: Plan, rules: Rules = Rules()) -> None:
@@ -67,10 +68,11 @@ def plan_json(
             "type": packed.bin,
             "name": kind.name,
             "size": sides_of(kind.size),
-            "cost": plain(kind.price),
+            "cost": plain(float(kind.price_of(load_of(job, packed)))),
             "weight": plain(math.fsum(step.item.weight for step in steps)),
             "fill": round(filled / math.prod(kind.size), 6),
             **_said("limits", kind.limits),
+            **(_said("tariff", kind.tariff) if kind.tariff else {}),
         }
         items = [_item_row(step, profits) for step in steps]
         if profits:
@@ -103,7 +105,7 @@ def _item_row(step: Step, profits: bool) -> dict[str, Any]:
     }
 
 
-def _said(name: str, what: Rules | ItemLimits | BinLimits) -> dict[str, Any]:
+def _said(name: str, what: Rules | ItemLimits | BinLimits | Tariff) -> dict[str, Any]:
     """What in it is not as it is by default, under that name; nothing if all is."""
     if what == type(what)():
         return {}

@@ -5,14 +5,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from jaxpack.io.columns import NAMES, ROTATIONS, SIDES, Reading, Understood
+from jaxpack.io.columns import NAMES, ROTATIONS, SIDES, TARIFF, Reading, Understood
 from jaxpack.io.notes import note
 from jaxpack.io.obstacles import with_obstacles
 from jaxpack.io.tables import Row
 from jaxpack.model.exact import exact
 from jaxpack.model.job import FLAT_TURNED, BinType, ItemType, Sides, counted
 from jaxpack.model.limits import BinLimits, ItemLimits
-from jaxpack.model.numbers import as_profit, fault, plain
+from jaxpack.model.numbers import as_number, as_profit, fault, plain, show
+from jaxpack.model.tariff import Tariff
 
 NO_LIMITS = ItemLimits()
 LIMITS = {
@@ -164,9 +165,36 @@ def bin_types(
                 row.text(*NAMES),
                 f"row {row.row} of {Path(table.source).name}",
                 BinLimits(row.whole(most, low=1)) if _limited(row, most) else BinLimits(),
+                _tariff(row, factor**dimension),
             )
         )
     return with_obstacles(bins, reading.obstacles, dimension, factor, reading.say)
+
+
+def _tariff(row: Row, factor: Fraction) -> Tariff | None:
+    """What is paid for a bin whose volumes are read times a factor; None if nothing is said."""
+    rate, divisor, own = TARIFF
+    if not row.has("BANDS") and not any(_given(row, column) for column in TARIFF):
+        return None
+    over = row.number(divisor) if _given(row, divisor) else None
+    return Tariff(
+        _bands(row),
+        row.number(rate) if _given(row, rate) else 0.0,
+        over if over is None or factor == 1 else float(exact(over) * factor),
+        row.weight(own),
+    )
+
+
+def _bands(row: Row) -> tuple[tuple[float, float], ...]:
+    """Weights and prices from a text such as 5:4.99 10:6.99."""
+    where, bands = row.at("BANDS"), []
+    for one in row.text("BANDS").split():
+        weight, colon, price = one.partition(":")
+        if not colon:
+            what = f"{show(one)} is no band: write weight:price"
+            raise fault(where, f"{what}, as in 5:4.99 10:6.99")
+        bands.append((as_number(weight, where), as_number(price, where)))
+    return tuple(bands)
 
 
 def _given(row: Row, column: str) -> bool:

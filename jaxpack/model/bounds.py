@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from jaxpack.model.bands import least_prices
 from jaxpack.model.cover import Need, least
 from jaxpack.model.figures import parts_of
 from jaxpack.model.goods import LONGEST, UNLIMITED, Goods, goods_of
@@ -52,6 +53,16 @@ def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -
         job: items and bins.
         seconds: after which no more bounds are tried: the first few are had in any case.
     """
+    if not job.by_load:
+        return _bin_bounds(parts, job, seconds)
+    found = (_bin_bounds(parts, some, seconds, more) for some, more in least_prices(job))
+    return max(found, key=lambda one: (one.worth, one.cost))
+
+
+def _bin_bounds(
+    parts: tuple[str, ...], job: Job, seconds: float | None, more: Fraction = Fraction(0)
+) -> Bounds:
+    """The same, with what all items cost beside the empty bins."""
     begun = time.monotonic()
     goods = goods_of(job)
     if not len(goods.copies):
@@ -66,6 +77,9 @@ def bin_bounds(parts: tuple[str, ...], job: Job, seconds: float | None = None) -
     needs.append(Need(int(bins), (1,) * len(costs)))
     sums = _least(parts, goods.kinds, needs)
     cost = sums[0] if parts[0] == "cost" else _least(("cost",), goods.kinds, needs)[0]
+    if not goods.unfit:  # their weight is left out
+        cost += more
+        sums = [sum + more * (part == "cost") for sum, part in zip(sums, parts, strict=True)]
     worth: tuple[Fraction | int, ...] = (goods.unfit, *sums)
     if all(kind.copies is not None for kind in goods.kinds):
         most, few = most_of(goods, [1] * len(goods.copies))

@@ -10,12 +10,12 @@ import numpy as np
 
 from jaxpack.errors import UserError
 from jaxpack.model.asked import Asked, asked_of
-from jaxpack.model.figures import profit_of
+from jaxpack.model.bands import by_band
 from jaxpack.model.hints import apart_message, unfit_message
 from jaxpack.model.job import ORIENTATIONS, ItemType, Job, PackedBin, Placement, Plan, Sides
-from jaxpack.model.knapsack import most_profit
 from jaxpack.model.objectives import Objective, objective_of
 from jaxpack.model.places import beside_obstacles, room_of
+from jaxpack.model.prices import bin_prices, item_profits
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin
 from jaxpack.model.sorts import SORTS
@@ -54,7 +54,9 @@ class Genes(NamedTuple):
 class Loading:
     """A job for a packer, and what its rows stand for."""
 
-    job: Job
+    job: Job  # as packers see it, where its costs count: see `by_band`
+    given: Job  # as it is
+    whose: tuple[int, ...]  # index in its bins of every one of the job's
     objective: Objective
     units: Units
     rules: Rules
@@ -63,6 +65,11 @@ class Loading:
     ways: tuple[tuple[str, ...], ...]  # of every row of Job.items, those that fit some bin
     bins: np.ndarray  # int [S], index in Job.bins of every row
     unfit: tuple[int, ...]  # index in Job.items of every copy that no bin can hold
+
+    @property
+    def by_load(self) -> bool:
+        """Whether what is minimised depends on what is in each bin."""
+        return self.job is not self.given
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -108,7 +115,10 @@ def load_job(
             there are bins, unless items may be skipped.
     """
     objective = objective_of(job)
-    job = objective.prepared(job)
+    given = job = objective.prepared(job)
+    whose = tuple(range(len(job.bins)))
+    if job.by_load and "cost" in objective.parts:
+        job, whose = by_band(job)
     units = units_of(job, resolution, rules)
     ways = fitting_ways(job, rules)
     unfit = [n for n, some in enumerate(ways) if not some and job.items[n].copies]
@@ -125,7 +135,7 @@ def load_job(
     ]
     bins = np.repeat(np.arange(len(job.bins)), copies)
     stock = _stock(job, units, rules, ways, items, bins)
-    return Loading(job, objective, units, rules, stock, items, ways, bins, left_out)
+    return Loading(job, given, whose, objective, units, rules, stock, items, ways, bins, left_out)
 
 
 def fitting_ways(job: Job, rules: Rules = Rules()) -> tuple[tuple[str, ...], ...]:
@@ -161,13 +171,13 @@ def plan_of(
     corner: np.ndarray,
     types: dict[int, int],
 ) -> Plan:
-    """A packing in the user's units.
+    """A packing in the user's units: of the job that was given.
 
     Args:
         loading: what was packed.
         order: of one lane.
         turn, bin, corner: by row of the stock.
-        types: index of `Stock.bins` -> index in Job.bins, of the bins that are used.
+        types: index of `Stock.bins` -> index in `loading.job.bins`, of the bins that are used.
     """
     top, bottom = loading.units.length.as_integer_ratio()
     length = {n: n * top / bottom for n in set(corner.ravel().tolist())}
@@ -188,7 +198,8 @@ def plan_of(
         ends = corner[:, 2] + loading.stock.sizes[np.arange(len(turn)), turn, 2]
         levels = {s: int(ends[bin == s].max()) * top / bottom for s in packed}
     inside = [
-        PackedBin(types[slot], tuple(items), levels.get(slot)) for slot, items in packed.items()
+        PackedBin(loading.whose[types[slot]], tuple(items), levels.get(slot))
+        for slot, items in packed.items()
     ]
     return Plan(tuple(inside), tuple(left_out))
 
@@ -294,7 +305,7 @@ def _stock(
         turned.append(rows)
         needed.append([rules.area_needed(x * y) for x, y, _ in rows])
     weight, limit = _weights(job, units)
-    price = _prices(job, items)
+    price = bin_prices(job, items)
     counts = np.asarray([len(some) for some in ways], np.int32)
     dearest = np.sort(price[bins])[-len(items) :]
     return Stock(
@@ -306,7 +317,7 @@ def _stock(
         bins=rooms[bins].astype(np.int32),
         limit=limit[bins],
         price=price[bins].astype(np.float32),
-        profit=_profits(job)[items],
+        profit=item_profits(job)[items],
         penalty=np.float32(2 + 2 * dearest.sum()),
         step=np.int32(units.step),
     )
@@ -334,29 +345,3 @@ def _weights(job: Job, units: Units) -> tuple[np.ndarray, np.ndarray]:
     bounded = np.isfinite([one.max_weight for one in job.bins])
     limits[bounded] = in_units(limited, units.weight)
     return whole.astype(kind), limits
-
-
-def _prices(job: Job, items: np.ndarray) -> np.ndarray:
-    """Of every bin type, float64: what is minimised first, 1 on average, and a little of the rest.
-
-    What comes later, see `Objective.parts`, counts less than a bin in all.
-    """
-    volume = np.asarray([math.prod(kind.size) for kind in job.bins])
-    load = sum(math.prod(job.items[n].size) for n in items.tolist())
-    few = max(1.0, load / volume.max())
-    little = 0.2 / few
-    cost = np.asarray([kind.price for kind in job.bins])
-    each = {"cost": cost, "bins": np.ones(len(cost)), "volume": volume}
-    first, *later = (each[part] for part in objective_of(job).parts)
-    prices: np.ndarray = first / min(first[first > 0], default=1.0)
-    for part in later:
-        prices = prices + little * (part / max(part.max(), 1e-300))
-    return prices
-
-
-def _profits(job: Job) -> np.ndarray:
-    """Of every item type, float32; see `Stock.profit`."""
-    if "PROFIT" not in objective_of(job).obeys:
-        return np.zeros(len(job.items), np.float32)
-    most, _, _ = most_profit(job)
-    return np.array([float(profit_of(item) / (most or 1)) for item in job.items], np.float32)

@@ -47,6 +47,11 @@ def clean(number: float) -> float:
     return float(number if whole else _text(number))
 
 
+def volume(size: Iterable[float]) -> Fraction:
+    """Of a box, to the last digit."""
+    return math.prod((exact(side) for side in size), start=Fraction(1))
+
+
 def whole(numbers: np.ndarray) -> tuple[np.ndarray, int]:
     """Clean numbers as whole ones, many at a time.
 

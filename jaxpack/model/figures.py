@@ -9,8 +9,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from jaxpack.model.exact import exact, whole
-from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Plan, Sides
+from jaxpack.model.exact import exact, volume, whole
+from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Plan
+
+NOTHING = Fraction(0)
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class PlanFigures:
     bins: int
     utilisation: float  # volume of the items / volume of the bins; 0 without bins
     weight: float  # of all packed items
-    cost: float  # of all used bins; see `BinType.price`
+    cost: float  # of all used bins; see `BinType.price_of`
     left_out: int  # items that were not packed
 
 
@@ -71,14 +73,23 @@ def plan_profit(job: Job, plan: Plan) -> Fraction:
 
 
 @lru_cache(1024)
-def parts_of(kind: BinType) -> dict[str, Fraction]:
-    """What can count of a bin that is used."""
-    return {"cost": exact(kind.price), "bins": Fraction(1), "volume": volume(kind.size)}
+def parts_of(kind: BinType, load: Fraction = NOTHING) -> dict[str, Fraction]:
+    """What can count of a bin that is used, with so much weight in it."""
+    return {"cost": kind.price_of(load), "bins": Fraction(1), "volume": volume(kind.size)}
+
+
+def load_of(job: Job, packed: PackedBin) -> Fraction:
+    """The weight of what is in a bin."""
+    items = Counter(put.item for put in packed.placements)
+    return sum((exact(job.items[item].weight) * n for item, n in items.items()), NOTHING)
 
 
 def bins_worth(parts: tuple[str, ...], job: Job, plan: Plan) -> tuple[Fraction | int, ...]:
     """Copies left out, then what the used bins come to in each of the parts of `parts_of`."""
-    used = [(parts_of(job.bins[kind]), copies) for kind, copies in _used(plan).items()]
+    alike = Counter(
+        (one.bin, load_of(job, one) if job.bins[one.bin].tariff else NOTHING) for one in plan.bins
+    )
+    used = [(parts_of(job.bins[kind], load), copies) for (kind, load), copies in alike.items()]
     sums = (sum((each[part] * n for each, n in used), Fraction(0)) for part in parts)
     return len(plan.left_out), *sums
 
@@ -98,8 +109,3 @@ def _share(job: Job, items: Mapping[int, int], bins: Mapping[int, int]) -> float
     packed = sum(map(math.prod, zip(volumes, items.values(), strict=False)))
     room = sum(map(math.prod, zip(volumes[len(items) :], bins.values(), strict=True)))
     return packed / room
-
-
-def volume(size: Sides) -> Fraction:
-    """Of a box, to the last digit."""
-    return math.prod((exact(side) for side in size), start=Fraction(1))

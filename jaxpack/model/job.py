@@ -23,6 +23,7 @@ from jaxpack.errors import UserError
 from jaxpack.model.exact import DIGITS, clean, cut, decimals, exact, whole
 from jaxpack.model.limits import BinLimits, ItemLimits, checked_limit, checked_weight
 from jaxpack.model.numbers import as_cost, as_profit, as_size, as_whole, fault, show
+from jaxpack.model.tariff import Tariff
 
 FINEST = 2**30
 """A side of a bin has at most so many units: far edges of items then fit int32."""
@@ -76,16 +77,18 @@ class BinType:
     name: str = ""  # what files and pictures call it
     where: str = field(default="", compare=False)  # in its file, such as "row 2"
     limits: BinLimits = BinLimits()  # what else is asked of it
+    tariff: Tariff | None = None  # what is paid for it beside its cost
 
     @property
     def open(self) -> bool:
         """Whether nothing says how high it is."""
         return self.size[2] == math.inf
 
-    @property
-    def price(self) -> float:
-        """What one of them costs: its volume if nothing is given."""
-        return math.prod(self.size) if self.cost is None else self.cost
+    def price_of(self, load: Fraction = Fraction(0)) -> Fraction:
+        """What one of them costs with so much weight in it: its volume if nothing is given."""
+        if self.tariff:
+            return exact(self.cost or 0.0) + self.tariff.price(load, self.size)
+        return exact(math.prod(self.size) if self.cost is None else self.cost)
 
 
 def counted(total: int, what: str) -> int:
@@ -217,8 +220,13 @@ class Job:
 
     @property
     def priced(self) -> bool:
-        """Whether one of the bins has a cost: those without cost their volume."""
-        return any(kind.cost is not None for kind in self.bins)
+        """Whether one of the bins has a cost or a tariff: those without cost their volume."""
+        return self.by_load or any(kind.cost is not None for kind in self.bins)
+
+    @property
+    def by_load(self) -> bool:
+        """Whether what a bin costs depends on what is in it."""
+        return any(kind.tariff for kind in self.bins)
 
 
 def _common_unit(lengths: Iterable[float]) -> tuple[Fraction, int]:
@@ -267,12 +275,15 @@ def _checked_bin(number: int, kind: BinType, dimension: int) -> BinType:
     _check_name(where, kind.name)
     where += f" ({kind.name})" if kind.name else ""
     cost, size = kind.cost, _checked_sides(where, kind.size, dimension, may_be_open=True)
+    tariff = kind.tariff and _checked_limits(where, kind.tariff, Tariff, size)
+    limit = checked_limit(f"{where}, max_weight", kind.max_weight)
     known[dimension] = replace(
         kind,
         size=size,
         cost=None if cost is None else clean(as_cost(cost, f"{where}, cost")),
         copies=None if kind.copies is None else as_whole(kind.copies, f"{where}, copies", low=0),
-        max_weight=checked_limit(f"{where}, max_weight", kind.max_weight),
+        max_weight=tariff.limit(limit) if tariff else limit,
+        tariff=tariff,
         limits=_checked_limits(where, kind.limits, BinLimits, size, dimension),
     )
     return known[dimension]
@@ -283,7 +294,7 @@ def _check_name(where: str, name: object) -> None:
         raise fault(where, f"name {show(name)} is no text")
 
 
-Limits = TypeVar("Limits", ItemLimits, BinLimits)
+Limits = TypeVar("Limits", ItemLimits, BinLimits, Tariff)
 
 
 def _checked_limits(where: str, limits: Limits, known: type[Limits], *how: Any) -> Limits:

@@ -201,6 +201,7 @@ def bin_of(jobs: Sequence[Job], files: OrderFiles) -> BinType:
         raise UserError(f"{where}: {what}: use --ignore COPIES, or `jaxpack solve`")
     limited = kind.max_weight < math.inf and any(i.weight for job in jobs for i in job.items)
     if limited:
-        what = "MAXIMUM_WEIGHT, but instances have no weights"
-        raise UserError(f"{where}: {what}: use --ignore MAXIMUM_WEIGHT, or `jaxpack solve`")
+        column = "BANDS" if kind.tariff and kind.tariff.bands else "MAXIMUM_WEIGHT"
+        what = f"{column}, but instances have no weights"
+        raise UserError(f"{where}: {what}: use --ignore {column}, or `jaxpack solve`")
     return kind

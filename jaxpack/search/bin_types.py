@@ -1,8 +1,12 @@
 """Which types of bins to take for a packing, once it is known what is in each."""
 
+from fractions import Fraction
+
 import numpy as np
 
 from jaxpack.model.encoding import Loading
+from jaxpack.model.exact import exact
+from jaxpack.model.figures import parts_of
 from jaxpack.packing.ruled.filling import holds
 
 
@@ -35,20 +39,21 @@ def cheapest_types(
     np.maximum.at(reach, number, ends)
     np.add.at(weight, number, stock.weight[rows].astype(np.int64))
     first = loading.first
-    kinds, prices = loading.bins[first].tolist(), stock.price[first].tolist()
+    kinds, prices = loading.bins[first], _prices(loading, bin)
     limits = stock.limit[first]
     fits = (reach[:, None] <= stock.bins[first]).all(2)  # [slots, kinds]
     fits &= (limits == np.iinfo(limits.dtype).max) | (weight[:, None] <= limits)
     if loading.ruled:
-        fits = _holding(loading, turn, bin, corner, rows if order is None else order, fits)
-    left = {kind: job.bins[kind].copies for kind in kinds}
+        order = rows if order is None else order
+        fits = _holding(loading, turn, bin, corner, order, fits, prices)
+    left = {kind: job.bins[kind].copies for kind in kinds.tolist()}
     chosen = {}
     # The dearest bins choose first: they have the most to save.
-    for n in np.argsort(-stock.price[slots], kind="stable").tolist():
+    paid = prices[np.arange(len(slots)), np.searchsorted(kinds, own)]
+    for n in np.argsort(-paid, kind="stable").tolist():
+        some = zip(prices[n].tolist(), kinds.tolist(), fits[n].tolist(), strict=True)
         able = [
-            (price, kind != own[n], kind)
-            for price, kind, fit in zip(prices, kinds, fits[n].tolist(), strict=True)
-            if fit and left[kind] != 0
+            (price, kind != own[n], kind) for price, kind, fit in some if fit and left[kind] != 0
         ]
         if not able:  # another one took the copy it had
             return as_packed
@@ -59,6 +64,22 @@ def cheapest_types(
     return chosen
 
 
+def _prices(loading: Loading, bin: np.ndarray) -> np.ndarray:
+    """[slots, kinds], what a bin that is used costs as one of a type: float, or a rank of it."""
+    slots, first = np.unique(bin[bin >= 0]), loading.first
+    if not loading.by_load:
+        return np.broadcast_to(loading.stock.price[first], (len(slots), len(first)))
+    job, worths = loading.given, list[tuple[Fraction, ...]]()
+    for slot in slots.tolist():
+        items = loading.items[bin == slot].tolist()
+        load = sum((exact(job.items[item].weight) for item in items), Fraction(0))
+        for number in loading.bins[first].tolist():
+            counted = parts_of(job.bins[loading.whose[number]], load)
+            worths.append(tuple(counted[part] for part in loading.objective.parts))
+    rank = {worth: number for number, worth in enumerate(sorted(set(worths)))}
+    return np.array([rank[worth] for worth in worths]).reshape(len(slots), len(first))
+
+
 def _holding(
     loading: Loading,
     turn: np.ndarray,
@@ -66,11 +87,12 @@ def _holding(
     corner: np.ndarray,
     order: np.ndarray,
     fits: np.ndarray,
+    prices: np.ndarray,
 ) -> np.ndarray:
     """bool [slots, kinds], which bins may be of which cheaper types by all rules, or stay."""
-    slots, price = np.unique(bin[bin >= 0]), loading.stock.price[loading.first]
+    slots = np.unique(bin[bin >= 0])
     holding = loading.bins[slots][:, None] == loading.bins[loading.first]
-    cheaper = fits & (price < loading.stock.price[slots][:, None])
+    cheaper = fits & (prices < prices[holding][:, None])
     for n, kind in np.argwhere(cheaper).tolist():
         rows = order[bin[order] == slots[n]]
         holding[n, kind] = holds(loading, int(loading.first[kind]), rows, turn, corner)

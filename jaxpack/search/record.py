@@ -73,16 +73,16 @@ class Record:
     def with_one(self, found: Best | None, tried: int) -> Progress | None:
         """With one packing more: the progress it is, None if it is none."""
         self.packings += tried
-        if found is None or found.cost > self.cost - 1e-6:
+        loading = self.loading
+        if found is None or (found.cost > self.cost - 1e-6 and not loading.by_load):
             return None
-        self.cost = found.cost
-        genes, loading = found.genes, self.loading
+        self.cost, genes = found.cost, found.genes
         types = cheapest_types(loading, genes.turn, found.bin, found.corner, genes.order)
         plan = plan_of(loading, genes.order, genes.turn, found.bin, found.corner, types)
-        worth = loading.objective.worth(loading.job, plan)
-        if self.plan and worth >= loading.objective.worth(loading.job, self.plan):
+        worth = loading.objective.worth(loading.given, plan)
+        if self.plan and worth >= loading.objective.worth(loading.given, self.plan):
             return None
-        check_plan(loading.job, plan, loading.rules)
+        check_plan(loading.given, plan, loading.rules)
         self.plan = plan
         return self.progress(End.BOUND if worth <= self.bounds.worth else None)
 
