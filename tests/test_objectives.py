@@ -245,6 +245,13 @@ def test_costs_count_as_the_objective_says(objective, uncompiled):
     assert found.end is End.BOUND
 
 
+@pytest.mark.parametrize("cheap", [7.25, 7.49])
+def test_a_little_cheaper_counts_before_smaller(cheap, uncompiled):
+    kinds = BinType((10, 10, 10), cost=cheap), BinType((9, 9, 9), cost=7.5)
+    found = solve_job(Job((ItemType((1, 1, 1), 3),), kinds), SolveOptions(packings=20))
+    assert (found.cost, found.end) == (cheap, End.BOUND)
+
+
 def test_knapsack_files_have_profits_and_copies(tmp_path):
     lines = "3\n10 12\n1 3 5 0 4 15\n2 4 2 0 1 8\n3 1 1 0 1 1\n"
     path = tmp_path / "k.ins2D"

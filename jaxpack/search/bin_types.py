@@ -65,19 +65,20 @@ def cheapest_types(
 
 
 def _prices(loading: Loading, bin: np.ndarray) -> np.ndarray:
-    """[slots, kinds], what a bin that is used costs as one of a type: float, or a rank of it."""
-    slots, first = np.unique(bin[bin >= 0]), loading.first
-    if not loading.by_load:
-        return np.broadcast_to(loading.stock.price[first], (len(slots), len(first)))
-    job, worths = loading.given, list[tuple[Fraction, ...]]()
-    for slot in slots.tolist():
-        items = loading.items[bin == slot].tolist()
-        load = sum((exact(job.items[item].weight) for item in items), Fraction(0))
-        for number in loading.bins[first].tolist():
-            counted = parts_of(job.bins[loading.whose[number]], load)
+    """int [slots, kinds], how dear a bin that is used is as one of a type, exactly: a rank."""
+    job, slots = loading.given, np.unique(bin[bin >= 0])
+    kinds = [job.bins[loading.whose[number]] for number in loading.bins[loading.first].tolist()]
+    worths, loads = list[tuple[Fraction, ...]](), [Fraction(0)]
+    if loading.by_load:
+        weights = np.array([exact(job.items[item].weight) for item in loading.items.tolist()])
+        loads = [Fraction(weights[bin == slot].sum()) for slot in slots]
+    for load in loads:
+        for kind in kinds:
+            counted = parts_of(kind, load)
             worths.append(tuple(counted[part] for part in loading.objective.parts))
     rank = {worth: number for number, worth in enumerate(sorted(set(worths)))}
-    return np.array([rank[worth] for worth in worths]).reshape(len(slots), len(first))
+    ranks = np.array([rank[worth] for worth in worths]).reshape(-1, len(kinds))
+    return np.broadcast_to(ranks, (len(slots), len(kinds)))
 
 
 def _holding(
