@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from jaxpack.errors import UserError
 from jaxpack.io.certificates import write_certificate
 from jaxpack.io.plans import write_plan_json
 from jaxpack.model.job import BinType, ItemType, Job, PackedBin, Placement, Plan
+from jaxpack.model.limits import BinLimits, Obstacle
 from jaxpack.model.physics import simulate
 
 door = importlib.import_module("jaxpack.simulate")
@@ -160,6 +162,46 @@ def test_what_lies_on_nothing_falls_down_to_what_is_there():
     assert row == pytest.approx(500, abs=1)
     found = simulate(*stack(((0, 0, 0), BOX), ((0, 0, 450), BOX)))
     assert found.distance[1] == pytest.approx(150, abs=1)
+
+
+def test_obstacles_stand_fast_and_carry():
+    arches = Obstacle((0, 0, 0), (300, 800, 250)), Obstacle((900, 0, 0), (300, 800, 250))
+    kind = replace(PALLET, limits=BinLimits(obstacles=arches))
+    bridge = ((0, 0, 250), (1200.0, 800.0, 100.0))
+    assert simulate(*stack(bridge, bin_type=kind)).distance.max() < 1
+    assert simulate(*stack(bridge)).distance.max() == pytest.approx(250, abs=1)
+    through = simulate(*stack(((0, 0, 0), (300.0, 800.0, 200.0)), bin_type=kind))
+    assert through.distance[0] == pytest.approx(250, abs=1)
+    sill = Obstacle((0, 0, 0), (300, 1, 250))
+    kind = BinType((1200.0, 1.0, 1000.0), limits=BinLimits(obstacles=(sill,)))
+    for share in (0.55, 0.45):
+        box = ((300 - 400 * share, 0, 250), (400.0, 1.0, 300.0))
+        (row,) = simulate(*stack(box, bin_type=kind, dimension=2)).distance
+        assert (row > 100) == (share < 0.5)
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+@pytest.mark.parametrize("share", [0.95, 0.55, 0.45, 0.0])
+@pytest.mark.parametrize("edge", range(4))
+def test_the_floor_ends_where_the_bin_does(edge, share, at_once):
+    axis, far = edge % 2, edge // 2
+    corner = [300.0, 300.0, 0.0]
+    corner[axis] = PALLET.size[axis] - 400 * share if far else 400 * (share - 1)
+    found = simulate(*stack((tuple(corner), BOX)), at_once=at_once)
+    assert (found.distance[0] < 1) == (share > 0.5)
+    if share < 0.5:
+        assert found.centre[0, 2] < BOX[2] / 2 - 50
+    flat = corner[0], 0.0, 0.0
+    if axis == 0:
+        sheet = BinType((1200.0, 1.0, 900.0))
+        plan = stack((flat, (400.0, 1.0, 300.0)), dimension=2, bin_type=sheet)
+        assert (simulate(*plan, at_once=at_once).distance[0] < 1) == (share > 0.5)
+
+
+def test_walls_are_beside_what_reaches_out():
+    size = (620.0, 820.0, 300.0)
+    out = ((-20, -10, 0), size), ((600, -10, 0), size), ((-20, -10, 300), size)
+    assert simulate(*stack(*out), walls=True).distance.max() < 1
 
 
 def test_a_plan_of_no_bin_and_a_bin_of_no_item():

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxpack.errors import UserError
-from jaxpack.model.job import Job, PackedBin, Placement, Plan
+from jaxpack.model.job import Job, PackedBin, Placement, Plan, Sides
 
 FRICTION = 0.5  # cardboard on cardboard or on a wooden pallet: UN/ECE's CTU Code, appendix 2
 STEP = 0.001  # seconds
@@ -27,6 +27,7 @@ neighbour's place by a hair keeps that one from getting there.
 """
 LEAST = 2e-4  # metres: the inertia of what is smaller is nothing to MuJoCo
 DEPTH = 0.1  # metres along y of the items of a 2D plan, which stay in their plane
+FALL = 0.1  # metres from the floor of a bin to the ground around it
 STIFF = (0.003, 1.0), (0.998, 0.9995, 0.001, 0.5, 2.0)
 """MuJoCo's solref and solimp of contacts: as hard as three steps allow, so that a tower of ten
 sinks by less than a ten thousandth of its bin."""
@@ -66,7 +67,8 @@ def simulate(
         plan: of it, valid or not. One of 2D is seen from the front: nothing leaves its plane.
         friction: between items, and between items and the floor; 0 to 1.
         at_once: all items of a bin are in their places from the start.
-        walls: the bin has four walls. The floor goes on beyond it, for what falls off.
+        walls: the bin has four walls, beside its floor or what reaches out over it. Otherwise what
+            is pushed over an edge of the floor falls to the ground around it.
         seen: called after every item that is loaded, and ten times a second after the last one,
             with the number of the bin, centres [k, 3] and rotations [k, 3, 3] of its first k items.
 
@@ -163,11 +165,20 @@ class _World:
         option = self.spec.option
         option.timestep, option.impratio = STEP, GRIP
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-        ground = [((0, 0, 0), (0, 0, 1))]  # a point and what is upwards of it
+        floor = (0, 0, -FALL / self.scale), (room[0], room[1], FALL / self.scale)
+        taken = [(one.corner, one.size) for one in job.bins[packed.bin].limits.obstacles]
+        fixed = [self._scaled(*box) for box in (floor, *taken)]
+        self.taken = np.array([(low + size / 2, size / 2) for low, size in fixed]).swapaxes(0, 1)
+        for centre, half in self.taken.swapaxes(0, 1):
+            kind = mujoco.mjtGeom.mjGEOM_BOX
+            self._surface(self.spec.worldbody.add_geom(type=kind, size=half, pos=centre))
+        ground = [((0, 0, -FALL), (0, 0, 1))]  # a point and what is upwards of it
         if walls:
-            far = room * self.scale
-            ground += [((0, 0, 0), (1, 0, 0)), ((far[0], 0, 0), (-1, 0, 0))]
-            ground += [((0, 0, 0), (0, 1, 0)), ((0, far[1], 0), (0, -1, 0))] * (not self.flat)
+            low, size = _places(job, packed)
+            near = low.min(0, initial=0) * self.scale
+            far = np.maximum((low + size).max(0, initial=0), room) * self.scale
+            ground += [(near, (1, 0, 0)), (far, (-1, 0, 0))]
+            ground += [(near, (0, 1, 0)), (far, (0, -1, 0))] * (not self.flat)
         for point, up in ground:
             kind = mujoco.mjtGeom.mjGEOM_PLANE
             self._surface(self.spec.worldbody.add_geom(type=kind, size=[0, 0, 1], pos=point), up)
@@ -181,12 +192,16 @@ class _World:
         if up is not None:
             geom.alt.type, geom.alt.zaxis = self.mujoco.mjtOrientation.mjORIENTATION_ZAXIS, up
 
+    def _scaled(self, corner: Sides, size: Sides) -> tuple[np.ndarray, np.ndarray]:
+        """Corner and sides of a box in this world."""
+        low, sides = np.array(corner) * self.scale, np.array(size) * self.scale
+        if self.flat:
+            low[1], sides[1] = 0, DEPTH
+        return low, sides
+
     def add(self, put: Placement, weight: float, in_place: bool) -> None:
         """Puts one more item into it, in its place or just above what it would touch."""
-        low = np.array(put.corner) * self.scale
-        size = np.array(self.job.items[put.item].turned(put.orientation)) * self.scale
-        if self.flat:
-            low[1], size[1] = 0, DEPTH
+        low, size = self._scaled(put.corner, self.job.items[put.item].turned(put.orientation))
         size = np.maximum(size, LEAST)
         slack = SLACK * size.min()
         half = (size - [slack, slack, 0]) / 2
@@ -218,6 +233,7 @@ class _World:
         """The highest point of what is over or under a base, as far as its items are upright."""
         at, rotation = self._poses()
         reach = (abs(rotation) @ self.half[:, :, None])[..., 0]
+        at, reach = np.concatenate([self.taken[0], at]), np.concatenate([self.taken[1], reach])
         meets = (abs(at - centre) < reach + half)[:, :2].all(1)
         return float((at + reach)[meets, 2].max(initial=0.0))
 
