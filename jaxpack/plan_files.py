@@ -10,7 +10,7 @@ from jaxpack.io.atomic import check_writable
 from jaxpack.io.certificates import read_certificate
 from jaxpack.io.notes import Say
 from jaxpack.io.packing_plans import is_packing_plans, read_packing_plans
-from jaxpack.io.plans import plan_objective, read_plan_json
+from jaxpack.io.plans import plan_objective, read_plan_json, with_plan_obstacles
 from jaxpack.model.job import MOST_ITEMS, Job, Plan
 from jaxpack.orders import read_orders
 from jaxpack.rule_flags import ObstaclesFile
@@ -64,8 +64,12 @@ def read_plans(options: PlanFiles, tell: Say) -> list[tuple[Job, Plan]]:
         what = f"{options.items}: {len(jobs)} orders, and a plan of one"
         raise UserError(f"{what}: say which with --order")
     else:
-        read = read_certificate if kind == ".csv" else read_plan_json
-        plans = [(jobs[0], read(options.plan, jobs[0]))]
+        job, read = jobs[0], read_certificate if kind == ".csv" else read_plan_json
+        if kind == ".json" and options.obstacles is None:
+            job = with_plan_obstacles(options.plan, job)
+            if any(one.limits.obstacles for one in job.bins):
+                tell(f"{options.plan}: its bins have the obstacles that it says they have")
+        plans = [(job, read(options.plan, job))]
     for _, plan in plans:
         loaded = sum(len(packed.placements) for packed in plan.bins)
         if loaded > MOST_ITEMS:

@@ -630,7 +630,7 @@ def test_a_plan_says_what_was_asked(tmp_path, capsys):
     assert read_plan_json(path, load) == plan((-1.5, 0, 0), (3, 0, 0))
 
     def check(*options):
-        files = path, items, bins, "--obstacles", taken, *options
+        files = path, items, bins, *options
         with suppress(SystemExit):
             check_main([*map(str, files)])
         return capsys.readouterr()
@@ -638,7 +638,23 @@ def test_a_plan_says_what_was_asked(tmp_path, capsys):
     done = check()
     assert done.out.startswith("valid: 1 bin, 2 items")
     assert "made by: support 0.25, gap 0.5, overhang 2" in " ".join(done.err.split())
+    assert "its bins have the obstacles that it says" in " ".join(done.err.split())
+    assert check("--obstacles", taken).out == done.out
+    other = file_with(tmp_path, "other.csv", "X,Y,Z,LX,LY,LZ\n0,0,0,2,2,6\n")
+    assert "overlaps" in check("--obstacles", other).out
     assert "0.5 from the item loaded as number 0 along x, not 0.6" in check("--gap", "0.6").out
+    said["bins"][0]["limits"]["obstacles"][0]["corner"] = [0, 0, 0]
+    path.write_text(json.dumps(said))
+    assert "overlaps" in check().out
+    for obstacles, fault in (
+        (3, "bin 0: key 'obstacles'"),
+        ([{"corner": [0, 0, 0]}], "bin 0, obstacle 0: key 'size' is missing"),
+        ([{"corner": [9, 0, 0], "size": [2, 2, 2]}], "bin 0, obstacle 0: from 9 to 11 along x"),
+    ):
+        said["bins"][0]["limits"]["obstacles"] = obstacles
+        path.write_text(json.dumps(said))
+        with pytest.raises(UserError, match=fault):
+            check()
     said["rules"]["gab"] = 1
     path.write_text(json.dumps(said))
     with pytest.raises(UserError, match="key 'rules': 'gab' is not known: there are balance, "):

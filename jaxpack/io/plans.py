@@ -25,7 +25,7 @@ from jaxpack.io.texts import (
 )
 from jaxpack.model.figures import load_of, profit_of
 from jaxpack.model.job import ORIENTATIONS, Job, PackedBin, Placement, Plan, Sides
-from jaxpack.model.limits import BinLimits, ItemLimits
+from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
 from jaxpack.model.numbers import as_number, as_size, fault, plain, show
 from jaxpack.model.objectives import named, objective_of
 from jaxpack.model.rules import Rules
@@ -145,6 +145,33 @@ def plan_objective(path: Path) -> str:
     except UserError as error:
         raise fault(path, "key 'objective'", error) from None
     return name
+
+
+def with_plan_obstacles(path: Path, job: Job) -> Job:
+    """The job, with the obstacles that a plan that `write_plan_json` wrote says its bins have.
+
+    Raises:
+        UserError: where they cannot be read, are none, or are not the same in all bins of a type.
+    """
+    taken: dict[int, tuple[Obstacle, ...]] = {}
+    for number, one in enumerate(member(read_json(path), "bins", list, str(path))):
+        where = f"{path}: bin {number}"
+        kind = member_index(one, "type", len(job.bins), where)
+        limits = member(one, "limits", dict, where) if "limits" in one else {}
+        boxes = member(limits, "obstacles", list, where) if "obstacles" in limits else []
+        some = tuple(
+            Obstacle(*(member_vector(box, key, at) for key in ("corner", "size"))).checked(
+                at, job.bins[kind].size, job.dimension
+            )
+            for at, box in ((f"{where}, obstacle {n}", box) for n, box in enumerate(boxes))
+        )
+        if taken.setdefault(kind, some) != some:
+            raise fault(where, "other obstacles than in a bin of the same type: give --obstacles")
+    bins = (
+        replace(kind, limits=replace(kind.limits, obstacles=taken.get(number, ())))
+        for number, kind in enumerate(job.bins)
+    )
+    return replace(job, bins=tuple(bins))
 
 
 def read_plan_json(path: Path, job: Job) -> Plan:
