@@ -213,7 +213,6 @@ def checked_options(
     Raises:
         UserError: naming the option.
     """
-    job = objective_of(job).prepared(job)
     rule_named(options.rules.rule, called("rule"))
     if not isinstance(options.skip_unfit, bool | np.bool_):
         raise UserError(f"{called('skip_unfit')} {options.skip_unfit!r}: give True or False")
@@ -222,6 +221,7 @@ def checked_options(
     most = None if most is None else as_whole(most, called("packings"), 1)
     seed = as_whole(options.seed, called("seed"), 0, LARGEST_SEED)
     rules = options.rules.checked(called, job.dimension)
+    job = objective_of(job).prepared(job, rules)
     for name in ("gap", "overhang"):
         if (length := getattr(rules, name)) and not fine_enough(job, length):
             what = "too many digits beside those of the sizes: give a rounder length"

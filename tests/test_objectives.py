@@ -21,6 +21,7 @@ from jaxpack.io.jobs import job_from_columns, read_job
 from jaxpack.model.bounds import Bounds
 from jaxpack.model.encoding import Genes, fitting_ways, lane_genes, load_job, padded, plan_of
 from jaxpack.model.job import UPRIGHT, BinType, ItemType, Job
+from jaxpack.model.limits import BinLimits, Obstacle
 from jaxpack.model.objectives import OBJECTIVES, Objective, Placed, bounds, objective_of
 from jaxpack.model.plan_check import InvalidPlanError, check_plan
 from jaxpack.model.rules import Rules
@@ -323,6 +324,19 @@ def test_the_command_finds_the_least_height_and_the_check_knows_it(tmp_path, hig
     code, output, _ = run(tmp_path, "check", out, *files)
     assert code == 1
     assert "outside the bin: along z it reaches to 6, the bin to 5" in output[0]
+
+
+def test_an_open_height_has_room_for_gaps_and_on_obstacles():
+    items = (ItemType((10.0, 1.0, 3.0), 3),)
+    sheet = Job(items, (BinType((10.0, 1.0, math.inf)),), 2, objective="height")
+    assert jaxpack.solve(sheet, packings=2, gap=0.1).height == pytest.approx(9.2)
+    for top, corner in ((6.0, 0.0), (6.0, 5.0), (0.5, 4.0)):
+        held = Obstacle((0.0, 0.0, corner), (10.0, 8.0, top))
+        open_bin = BinType((10.0, 8.0, math.inf), limits=BinLimits(obstacles=(held,)))
+        job = Job((ItemType((10.0, 8.0, 1.0), 2),), (open_bin,), objective="height")
+        found = jaxpack.solve(job, packings=2)
+        assert found.height == corner + top + 2
+        jaxpack.check_plan(replace(job, bins=found.job.bins), found.plan)
 
 
 def test_a_height_is_open_for_the_objective_height_alone(tmp_path):

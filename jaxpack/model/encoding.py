@@ -115,7 +115,7 @@ def load_job(
             there are bins, unless items may be skipped.
     """
     objective = objective_of(job)
-    given = job = objective.prepared(job)
+    given = job = objective.prepared(job, rules)
     whose = tuple(range(len(job.bins)))
     if job.by_load and "cost" in objective.parts:
         job, whose = by_band(job)

@@ -180,10 +180,11 @@ class Job:
 
     @property
     def pile(self) -> float:
-        """How high the items are on top of each other, each turned as it is highest."""
+        """How high the items are on the highest obstacle and each other, each turned so."""
         highest = (max(item.turned(o)[2] for o in item.orientations) for item in self.items)
         copies = (item.copies for item in self.items)
-        return float(sum(map(mul, map(exact, highest), copies)))
+        base = max((one.end[2] for kind in self.bins for one in kind.limits.obstacles), default=0.0)
+        return float(sum(map(mul, map(exact, highest), copies), exact(base)))
 
     def room(self, packed: "PackedBin") -> Sides:
         """The sides of a bin of a plan: up to the plan's height of it, or to the highest top if it

@@ -78,7 +78,7 @@ def objective_of(job: Job) -> Objective:
 def bounds(job: Job, seconds: float | None = None, rules: Rules = Rules()) -> Bounds:
     """Below which no plan's worth is, by rules of which the overhang counts: `Objective.bound`."""
     goal = objective_of(job)
-    job = goal.prepared(job)
+    job = goal.prepared(job, rules)
     if rules.overhang:
         kinds = (
             replace(kind, limits=replace(kind.limits, overhang=rules.overhang)) for kind in job.bins

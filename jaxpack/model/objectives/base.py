@@ -14,6 +14,7 @@ from jaxpack.errors import UserError
 from jaxpack.model.bounds import Bounds
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import fault
+from jaxpack.model.rules import Rules
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -35,7 +36,7 @@ def _on_a_grid_alone(*_: Any) -> NoReturn:
     raise UserError("objective: it is one of instances on a grid, not of orders")
 
 
-def _with_heights(job: Job) -> Job:
+def _with_heights(job: Job, rules: Rules) -> Job:
     for number, kind in enumerate(job.bins):
         if kind.open:
             what = "the height is open: give one, or choose the objective height"
@@ -62,8 +63,8 @@ class Objective:
     """What a search minimises: a number that says of unequal packings more than the worth does."""
     parts: tuple[str, ...] = ("bins", "volume")
     """What of the used bins counts, the most important first: see `figures.parts_of`."""
-    prepared: Callable[[Job], Job] = _with_heights
-    """The job as it is packed; UserError where it is not one for this objective."""
+    prepared: Callable[[Job, Rules], Job] = _with_heights
+    """The job as it is packed by rules; UserError where it is not one for this objective."""
     figure: str = ""
     """What tables call the measure; none where it is among the figures of every plan."""
     total: Callable[[Job], float] | None = None

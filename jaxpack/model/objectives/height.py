@@ -11,6 +11,7 @@ from jaxpack.model.bounds import Bounds, least_height
 from jaxpack.model.exact import exact
 from jaxpack.model.job import BinType, Job, Plan
 from jaxpack.model.objectives.base import Objective, Placed, left_out_cost
+from jaxpack.model.rules import Rules
 
 if TYPE_CHECKING:
     from jaxpack.model.encoding import Stock
@@ -19,15 +20,18 @@ STEEP = 8.0  # cost of the height that the volume needs, as for the value: 1 % i
 OF_LEVEL = 0.1  # of that, what is low beside the highest counts
 
 
-def _prepared(job: Job) -> Job:
+def _prepared(job: Job, rules: Rules) -> Job:
     """With one bin, as high as the items all on top of each other where it is open."""
     if (there := sum(kind.copies != 0 for kind in job.bins)) != 1:
         raise UserError(f"objective height: {there} types of bins; give one bin")
 
+    gaps = exact(rules.spacing(job.dimension)[2]) * sum(item.copies for item in job.items)
+    pile = float(exact(job.pile) + gaps)
+
     def closed(kind: BinType) -> BinType:
         x, y, z = kind.size
         copies = 0 if kind.copies == 0 else 1
-        return replace(kind, size=(x, y, job.pile if kind.open else z), copies=copies)
+        return replace(kind, size=(x, y, pile if kind.open else z), copies=copies)
 
     bins = tuple(map(closed, job.bins))
     return job if bins == job.bins else replace(job, bins=bins)
