@@ -34,6 +34,17 @@ def loads(plan):
     return sorted(len(packed.placements) for packed in plan.bins)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.01, 1e-5])
+@pytest.mark.parametrize("size", [(400.0, 300.0, 200.0), (300.0, 400.0, 200.0), (0.7, 0.1, 0.3)])
+def test_one_carton_stands_in_the_middle(size, share):
+    bin_type = BinType((1200.0, 800.0, 1600.0) if size[0] > 1 else (1.2, 0.8, 1.6))
+    for copies in (1, 4):
+        job = Job((ItemType(size, copies),), (bin_type,))
+        assert loads(solved(job, Rules(balance=share), 20)) == [copies]
+    flat = Job((ItemType((size[0], 1.0, size[2])),), (replace(bin_type, size=(5.3, 1.0, 9.9)),), 2)
+    assert size[0] > 1 or loads(solved(flat, Rules(balance=share), 20)) == [1]
+
+
 @pytest.mark.parametrize("fragile", [{"stackable": False}, {"weight_above": 0.0}])
 def test_glass_lies_on_iron(fragile):
     glass = ItemType((400.0, 300.0, 300.0), 1, 2.0, limits=ItemLimits(**fragile))

@@ -24,6 +24,8 @@ class Units:
 def units_of(job: Job, resolution: float | None = None, rules: Rules = Rules()) -> Units:
     """The coarsest units in which every size and every weight is whole, and gap and overhang too.
 
+    Under `Rules.balance` they are halved until a load that is shifted can come to the middle.
+
     Args:
         job: what is packed.
         resolution: the length of which positions are to be multiples; any position if not given.
@@ -34,6 +36,13 @@ def units_of(job: Job, resolution: float | None = None, rules: Rules = Rules()) 
     weight = common(weights + limits) if weights or limits else Fraction(1)
     grid = () if resolution is None else (exact(resolution),)
     length = common([job.unit, *rules.lengths, *grid])
+    if rules.balance is not None and not grid:
+        longest = max(exact(side) for kind in job.bins for side in kind.size)
+        least = min(exact(kind.size[axis]) for kind in job.bins for axis in job.axes[:-1])
+        enough = max(exact(rules.balance) * least / 2, 2 * longest / FINEST)
+        length /= 2 if length / 2 >= longest / FINEST else 1
+        while length > enough:
+            length /= 2
     return Units(length, weight, int(grid[0] / length) if grid else 1)
 
 
