@@ -69,7 +69,9 @@ def figures_of_one(found: Solution) -> dict[str, str]:
         )
         rows["left out"] = f"{counted(figures.left_out, 'item')} ({_names_of(counts)})"
     if found.unpacked:
-        rows["of these"] = f"{counted(found.unpacked, 'item')} would fit: there are too few bins"
+        rows["of these"] = (
+            f"{counted(found.unpacked, 'item')} would fit: {found.lacking.split(';')[0]}"
+        )
     if len(job.bins) > 1:
         rows["minimised"] = goal.minimised
     if job.rounded:

@@ -17,6 +17,7 @@ from jaxpack.io.notes import Say, silent
 from jaxpack.io.plans import write_plan_json
 from jaxpack.io.steps import write_steps
 from jaxpack.model.bounds import Bounds
+from jaxpack.model.encoding import fitting_ways
 from jaxpack.model.figures import PlanFigures, levelled, plan_figures, plan_profit
 from jaxpack.model.job import Job, Plan
 from jaxpack.model.numbers import as_number, as_whole
@@ -81,11 +82,20 @@ class Solution:
 
     @property
     def unpacked(self) -> int:
-        """How many items fit some bin and are left out though they should not be: of such bins
-        there are too few.
-        """
+        """How many items fit some bin and are left out though they should not be."""
         may = objective_of(self.job).leaves_out
         return 0 if may else self.figures.left_out - self.bounds.unfit
+
+    @property
+    def lacking(self) -> str:
+        """Why, and what to do."""
+        if objective_of(self.job).open_bin:
+            return "there is one bin; give a larger one"
+        endless = tuple(kind for kind in self.job.bins if kind.copies is None)
+        ways = fitting_ways(replace(self.job, bins=endless), self.rules) if endless else ()
+        if endless and any(ways[item] for item in self.plan.left_out):
+            return "no place was found by all the rules; ask less, or give larger bins"
+        return "there are too few bins; give more, or a larger COPIES"
 
     @property
     def value(self) -> float:

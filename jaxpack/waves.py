@@ -84,8 +84,8 @@ def say_results(
             faults.append(one if one.startswith(f"{source}: ") else f"{where}: {one}")
         elif one is not None:
             if one.unpacked:
-                what = f"{counted(one.unpacked, 'item')} not packed, there are too few bins"
-                faults.append(f"{where}: {what}; give more, or a larger COPIES")
+                what = f"{counted(one.unpacked, 'item')} not packed, {one.lacking}"
+                faults.append(f"{where}: {what}")
             if hint := scale_hint(one.job):
                 hints.append(f"{where}: {hint}")
     for line in hints[:ERRORS]:

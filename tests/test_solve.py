@@ -236,7 +236,10 @@ def test_what_is_left_out_is_named(home, monkeypatch, capsys):
         return replace(progress, plan=kept, end=End.BOUND)
 
     monkeypatch.setattr(door, "solve_job", leaves_out)
-    write(home, items=ITEMS.replace("6,6,6", "6,6,16"), bins=BINS)
+    few = (
+        BINS.replace("ID\n", "ID,COPIES\n").replace("small", "small,9").replace("large", "large,9")
+    )
+    write(home, items=ITEMS.replace("6,6,6", "6,6,16"), bins=few)
     assert run(monkeypatch, "items.csv", "bins.csv", "--skip-unfit") == 2
     output, errors = capsys.readouterr()
     lines = output.splitlines()
@@ -246,6 +249,20 @@ def test_what_is_left_out_is_named(home, monkeypatch, capsys):
     assert "error: items.csv: 2 items not packed, there are too few bins; give more" in errors
     assert "lower bound  2 bins" in lines, "a gap would compare different loads"
     assert "limited by   the bound: no plan can be better" in lines
+
+
+def test_bins_are_not_too_few_where_there_are_any_number(home, monkeypatch, capsys):
+    def errors(bins, *options):
+        write(home, items="X,Y,Z\n6,6,2\n4,3,2\n", bins=bins)
+        assert run(monkeypatch, "items.csv", "bins.csv", "--packings", "2", *options) == 2
+        return capsys.readouterr().err.splitlines()[-1]
+
+    by_rule = "--balance", "0.01", "--resolution", "4"
+    assert "no place was found by all the rules; ask less" in errors("X,Y,Z\n12,8,9\n", *by_rule)
+    few = errors("X,Y,Z,COPIES\n6,6,3,1\n3,3,3,-1\n")
+    assert "error: items.csv: 1 item not packed, there are too few bins; give more" in few
+    low = errors("X,Y,Z\n6,6,3\n", "--objective", "height")
+    assert "1 item not packed, there is one bin; give a larger one" in low
 
 
 def test_lengths_that_are_cut_off_are_reported(home, monkeypatch, capsys, quick):
