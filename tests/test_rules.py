@@ -536,6 +536,15 @@ def test_files_of_obstacles(tmp_path):
     assert_refused(lambda: obstacles(""), what)
     taken = "X,Y,Z,LX,LY\n{}0,0,0,1,2.5\n"
     assert_refused(lambda: obstacles(""), "column LZ is missing")
+    taken = "BIN,X,Y,Z,LX,LY,LZ\nvan,0,0,0,1,2,3\n{},0,0,2,3,1,4\n"
+    assert obstacles("1") == [
+        (Obstacle((0, 0, 0), (10, 20, 30)),),
+        (Obstacle((0, 0, 20), (30, 10, 40)),),
+    ]
+    assert_refused(lambda: obstacles(""), "taken.csv: row 3: overlaps the obstacle of", "row 2")
+    taken = "BINS,X,Y,Z,LX,LY,LZ\n{},0,0,0,1,2,3\n"
+    what = "taken.csv: row 1: column BINS is not known; is BIN meant? Rename it"
+    assert_refused(lambda: obstacles("van"), what)
 
 
 def test_obstacles_of_files_with_bins_of_their_own(tmp_path):

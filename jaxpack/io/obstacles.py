@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from jaxpack.io.notes import Say, silent
+from jaxpack.io.notes import Say, note, silent
 from jaxpack.io.spreadsheets import plain_numbers
 from jaxpack.io.tables import Row, Table
 from jaxpack.model.exact import exact
@@ -44,15 +44,26 @@ def with_obstacles(
     """
     if table is None:
         return tuple(kinds)
-    table.need(_COLUMNS[dimension], ("BIN",))
-    found = list[list[Obstacle]]([] for _ in kinds)
+    obeyed = (*_COLUMNS[dimension], "BIN")
+    table.need(_COLUMNS[dimension], obeyed)
+    if others := [name for name in table.columns if name and name not in obeyed]:
+        meant = [name for name in others if name.startswith("BIN")]
+        if meant and "BIN" not in table.columns:
+            raise fault(table.header, f"column {meant[0]} is not known; is BIN meant? Rename it")
+        say(note(table.source, f"columns not used: {', '.join(others)[:60]}"))
+    found = list[dict[str, Obstacle]]({} for _ in kinds)
     for row in plain_numbers(table, _COLUMNS[dimension], say).rows():
         obstacle = _obstacle(row, dimension, factor)
         for number in _bins(row, kinds):
             one = obstacle.checked(row.where, kinds[number].size, dimension)
-            found[number].append(one)
+            for where, other in found[number].items():
+                if one.meets(other):
+                    raise fault(row.where, f"overlaps the obstacle of {where}", "cut one of them")
+            found[number][row.where] = one
     return tuple(
-        replace(kind, limits=replace(kind.limits, obstacles=(*kind.limits.obstacles, *some)))
+        replace(
+            kind, limits=replace(kind.limits, obstacles=(*kind.limits.obstacles, *some.values()))
+        )
         if some
         else kind
         for kind, some in zip(kinds, found, strict=True)
