@@ -58,7 +58,7 @@ def test_bins_filled_together_are_filled_as_alone():
     for one, together in zip(asked, fill_together(asked, never), strict=True):
         alone = fill(*one, never)
         for name in alone._fields:
-            if name in ("near", "far", "row", "grid"):  # as long as the longest of the bins
+            if name in ("near", "far", "row", "grid", "firm"):  # as long as the longest of the bins
                 M = getattr(alone, name).shape[-2]
                 rest = getattr(together, name)[..., M:, :]
                 assert not rest.any()
@@ -147,9 +147,9 @@ def test_more_packings_are_never_worse():
 def test_bounds_have_no_more_time_than_there_is(monkeypatch, limit):
     asked, begun = [], time.perf_counter()
 
-    def none(job, seconds):  # so that all orders go on until bounds are looked for
+    def none(job, seconds, rules):  # so that all orders go on until bounds are looked for
         asked.append((seconds, time.perf_counter() - begun))
-        found = bounds(job, 0.0)
+        found = bounds(job, 0.0, rules)
         return replace(found, worth=(0, 0, 0), best=0.0)
 
     monkeypatch.setattr("jaxpack.search.wave.bounds", none)
