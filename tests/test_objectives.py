@@ -251,6 +251,9 @@ def test_a_little_cheaper_counts_before_smaller(cheap, uncompiled):
     kinds = BinType((10, 10, 10), cost=cheap), BinType((9, 9, 9), cost=7.5)
     found = solve_job(Job((ItemType((1, 1, 1), 3),), kinds), SolveOptions(packings=20))
     assert (found.cost, found.end) == (cheap, End.BOUND)
+    kinds = BinType((10, 10, 10), cost=cheap), BinType((20, 10, 10), cost=15.0)
+    found = solve_job(Job((ItemType((10, 10, 10), 2),), kinds), SolveOptions(packings=20))
+    assert (found.cost, found.end) == (2 * cheap, End.BOUND)
 
 
 def test_knapsack_files_have_profits_and_copies(tmp_path):

@@ -1,7 +1,6 @@
 """What bins and items count to a packer: numbers about 1."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from jaxpack.model.figures import profit_of
 from jaxpack.model.job import Job
 from jaxpack.model.knapsack import most_profit
 from jaxpack.model.objectives import objective_of
-from jaxpack.model.units import common
 
 
 def bin_prices(job: Job, items: np.ndarray) -> np.ndarray:
@@ -26,20 +24,17 @@ def bin_prices(job: Job, items: np.ndarray) -> np.ndarray:
     volume = np.asarray([math.prod(kind.size) for kind in job.bins])
     load = sum(math.prod(job.items[n].size) for n in items.tolist())
     few = max(1.0, load / volume.max())
-    parts, cost = objective_of(job).parts, _costs(job, items, volume / load)
-    each = {"cost": np.array(cost, float), "bins": np.ones(len(cost)), "volume": volume}
-    first, *later = (each[part] for part in parts)
-    least = min(first[first > 0], default=1.0)
-    prices: np.ndarray = first / least
-    # Sums of costs may differ by as little as what all are multiples of.
-    unit = float(common(cost)) / least if parts[0] == "cost" else 1.0
-    little = 0.2 / few * min(unit or 1.0, 1.0)
+    little = 0.2 / few
+    cost = _costs(job, items, volume / load)
+    each = {"cost": cost, "bins": np.ones(len(cost)), "volume": volume}
+    first, *later = (each[part] for part in objective_of(job).parts)
+    prices: np.ndarray = first / min(first[first > 0], default=1.0)
     for part in later:
         prices = prices + little * (part / max(part.max(), 1e-300))
     return prices
 
 
-def _costs(job: Job, items: np.ndarray, shares: np.ndarray) -> list[Fraction]:
+def _costs(job: Job, items: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """What a bin of each type costs that is full, without what its load costs in every bin.
 
     Args:
@@ -50,8 +45,8 @@ def _costs(job: Job, items: np.ndarray, shares: np.ndarray) -> list[Fraction]:
     costs = []
     for kind, share in zip(job.bins, shares.tolist(), strict=True):
         held = exact(min(weight, weight * share, kind.max_weight))
-        costs.append(kind.price_of(held) - rate * held)
-    return costs
+        costs.append(float(kind.price_of(held) - rate * held))
+    return np.array(costs)
 
 
 def item_profits(job: Job) -> np.ndarray:

@@ -74,7 +74,9 @@ class Record:
         """With one packing more: the progress it is, None if it is none."""
         self.packings += tried
         loading = self.loading
-        if found is None or (found.cost > self.cost - 1e-6 and not loading.by_load):
+        if found is None or (
+            found.cost > self.cost - 1e-6 and "cost" not in loading.objective.parts
+        ):
             return None
         self.cost, genes = found.cost, found.genes
         types = cheapest_types(loading, genes.turn, found.bin, found.corner, genes.order)
