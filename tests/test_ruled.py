@@ -13,6 +13,7 @@ from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin
+from jaxpack.packing.ruled.filling import RuledBin
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.quick import quick_plan
 
@@ -172,6 +173,20 @@ def test_no_time_is_time_enough():
     found = solve_job(job, SolveOptions(time_limit=1e-6, rules=rules))
     obeys(job, found.plan, rules)
     assert not found.plan.left_out
+
+
+def test_a_group_that_is_late_is_not_tried_again_for_every_bin(monkeypatch):
+    tried, take = [], RuledBin.take
+    monkeypatch.setattr(RuledBin, "take", lambda bin, row: tried.append(row) or take(bin, row))
+    random = np.random.default_rng(0)
+    items = tuple(
+        ItemType(tuple(random.integers(2, 6, 3).astype(float).tolist()), limits=ItemLimits(group=g))
+        for g in "ab" * 100
+    )
+    job = Job(items, (BinType((10.0, 8.0, 8.0)),))
+    plan = packed(job, Rules(), late=True)
+    obeys(job, plan, Rules())
+    assert len(tried) < 2 * len(items)
 
 
 def test_cheaper_types_obey():

@@ -140,7 +140,12 @@ class Packing:
             if code in self.together:
                 continue
             rows = self.waiting[group == code].tolist()
-            taken = sum(map(bin.take, rows))
+            taken = 0
+            for row in rows:
+                if bin.take(row):
+                    taken += 1
+                elif taken and self.stop():
+                    break
             if 0 < taken < len(rows):
                 return
             if taken:
