@@ -42,7 +42,7 @@ def parse_options(options: type[T], door: str, argv: Sequence[str]) -> T:
     sentence = sentence.split(" Got errors:")[0].rstrip(".")
     close = [line.split()[0] for line in lines[end:] if re.match("--[a-z]", line)]
     if close and sentence.startswith("Unrecognized"):
-        sentence += f" ({' or '.join(close)}?)"
+        sentence += f" ({' or '.join(sorted(close))}?)"
     raise UserError(f"{sentence}; see {called(door)} --help")
 
 

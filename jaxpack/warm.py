@@ -85,7 +85,7 @@ def drop_cut_short(folder: Path) -> int:
     for path in folder.glob("*-cache"):
         kept = path.read_bytes()
         try:
-            if kept[:1] == b"\x78":  # else compressed by something else than zlib
+            if kept[:1] in (b"\x78", b""):  # or else compressed by something else than zlib
                 zlib.decompress(kept)
         except zlib.error:
             path.unlink(missing_ok=True)

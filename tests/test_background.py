@@ -113,7 +113,7 @@ def test_where_there_can_be_no_process_a_search_goes_on_alone(monkeypatch):
     monkeypatch.setattr(background, "_waiting", [])
     for executable in ("", "/no/such/interpreter"):
         monkeypatch.setattr(sys, "executable", executable)
-        found = solve_job(JOB, SolveOptions(0.5))
+        found = solve_job(JOB, SolveOptions(2.0))
         assert found.packings > 1
         assert found.end == End.TIME
 

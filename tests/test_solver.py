@@ -147,10 +147,10 @@ def test_half_a_base_does_not_carry_unless_that_is_asked_for(uncompiled):
     items = (ItemType((2, 4, 3)), ItemType((4, 4, 3)))
     job = Job(items, (BinType((4, 4, 6)),))
     for inclusive in (False, True):
-        found = searched(job, rules=Rules(inclusive=inclusive))
-        check_plan(job, found.plan, Rules(0.5, inclusive))
+        rules = Rules(0.5, inclusive, stability="share")
+        check_plan(job, searched(job, rules=rules).plan, rules)
     upside = Job(items, (BinType((4, 4, 6), copies=1),))
-    loading = load_job(upside, Rules(0.5, True))
+    loading = load_job(upside, Rules(0.5, True, stability="share"))
     tower = Genes(np.arange(2), np.zeros(2, np.int32), np.arange(1))
     assert (pack_quickly(loading, tower)[0] == 0).all()
     assert pack_quickly(load_job(upside, Rules(0.5, False)), tower)[0].tolist() == [0, -1]
