@@ -1,5 +1,6 @@
 """A bin that is being loaded, as a list of boxes: where an item may stand by all of its rules."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from functools import cached_property
 
@@ -49,22 +50,22 @@ class Places:
         return Places(self.load, self.item, self.low[:, one], (self.high - self.low)[:, 0])
 
 
-class BoxRule:
+class BoxRule(ABC):
     """A rule in one bin: it says where an item may stand, and keeps what it has to know."""
 
     def __init__(self, load: "Load") -> None:
         self.load = load
 
     @staticmethod
+    @abstractmethod
     def asked(loading: Loading) -> bool:
         """Whether the job asks for it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def allows(self, at: Places, needed: int) -> np.ndarray:
         """bool [C]; `needed` is the area of the base that has to be carried."""
-        raise NotImplementedError
 
-    def add(self, at: Places) -> None:
+    def add(self, at: Places) -> None:  # noqa: B027, as many rules have nothing to remember
         """Takes note of an item at the one place, which becomes box number `load.count`."""
 
 
