@@ -1,6 +1,7 @@
 """Many orders at once: each has the plan that it would have alone."""
 
 import csv
+import gc
 import json
 import math
 import os
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -187,6 +189,18 @@ COLUMNS = {
     "COPIES": [2, 8, 1, 1, 1],
 }
 BINS = {"X": [8], "Y": [8], "Z": [8], "NAME": ["box"]}
+
+
+def test_what_ended_holds_no_memory():
+    jobs = orders_of(6)
+    alive = [weakref.ref(job) for job in jobs]
+    gc.disable()  # it frees what refers to itself, but seldom
+    try:
+        pack_wave(jobs, replace(PACKINGS, packings=1))
+        del jobs
+        assert not any(one() for one in alive)
+    finally:
+        gc.enable()
 
 
 def test_tables_of_a_program():

@@ -223,6 +223,7 @@ class _Wave:
                 genes = lane_genes(one.loading, self.options.seed, 0)
                 one.take(quick_plan(one.loading, genes, self.late), 1)
             self.ended[one.number] = found = one.progress(why)
+            one.search.close()  # it knows the order, which knows it: free them now, not some day
             self.tell(one.number, found)
 
     def above(self) -> list[_Order]:
