@@ -167,14 +167,33 @@ def pallets(count, items, scale=1):
     return Instance(turned[:, :, 0], jnp.ones((count, items), bool), bins.astype(jnp.int32), turned)
 
 
+@pytest.mark.parametrize("stability", ["share", "centre"])
 @pytest.mark.parametrize("free", [False, True])
-def test_orders_in_millimetres_need_no_grid(free):
+def test_orders_in_millimetres_need_no_grid(free, stability):
     instances = pallets(3, 18)
-    problem = without_grid(18)
+    problem = replace(without_grid(18), stability=stability)
     played = player(view_of(problem), free)(instances, jax.random.key(1))
     order, turned, packing = checked(problem, instances, played, "the random policy")
     assert packing.bin.max() > 0
     assert same(packing, packer(problem)(turned, order)) == (not free)
+
+
+def test_what_lies_off_its_centre_is_not_allowed():
+    """On a block of 200 one of 500 is carried by two fifths, off its centre; beside it by all."""
+    allowed = {}
+    for stability in ("share", "centre"):
+        problem = Problem((800, 400, 500), None, 0.1, surface="faces", most=2, stability=stability)
+        view = view_of(problem)
+        size = jnp.asarray([[[200], [400], [300]], [[500], [400], [100]]])
+        bins = jnp.asarray([[800], [400], [500]])
+        state = reset(view, Instance(size, jnp.ones((2, 1), bool), bins))
+        kind = jnp.asarray([0])
+        places = positions(view, step(view, state, Choice(kind, kind)), kind + 1, kind)
+        low, high = np.asarray(places.x)[:, 0, 0], np.asarray(places.allowed)[:, 0, 0]
+        allowed[stability] = dict(zip(low.tolist(), high.tolist(), strict=True))
+    on_it = {stability: places[0] for stability, places in allowed.items()}
+    assert on_it == {"share": True, "centre": False}
+    assert all(places[200] for places in allowed.values())
 
 
 def test_the_shipped_policy_packs_millimetres_whatever_the_unit():

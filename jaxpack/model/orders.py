@@ -92,6 +92,7 @@ class Orders:
             inclusive=rules.inclusive,
             surface=self.surface,
             most=self.most,
+            stability=rules.stability,
         )
 
     def kinds(self, problem: Problem) -> int:

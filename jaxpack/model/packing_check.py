@@ -9,6 +9,7 @@ from jax.typing import ArrayLike
 
 from jaxpack.model.box_check import Boxes, Rule, misplaced
 from jaxpack.model.problem import Instance, Packing, Problem
+from jaxpack.model.stability_check import off_centre
 
 CHUNK = 1 << 18  # items checked at a time: bounds the memory
 SHOWN = 5  # violations in one message
@@ -24,15 +25,15 @@ def check_packings(
     """Raises InvalidPackingError naming the first violations, if there are any.
 
     Args:
-        problem: the rules; of it only `support` and `inclusive` are read.
+        problem: the rules; of it only `support`, `inclusive` and `stability` are read.
         instances: leaves [B, ...], or of one instance without B.
         orders: int [B, N], the order in which the items were packed.
         packings: leaves [B, ...]; only `bin` and `position` are read.
         label: whose packings they are, the first word of the message.
 
     Raises:
-        InvalidPackingError: an item is not packed, out of its bin, in another one, not supported
-            or not reachable from above; or an order is no permutation.
+        InvalidPackingError: an item is not packed, out of its bin, in another one, not supported,
+            not over what carries it or not reachable from above; or an order is no permutation.
     """
     found = list(islice(violations(problem, instances, orders, packings), SHOWN))
     if found:
@@ -104,4 +105,8 @@ def _broken_rules(
     yield "outside the bin", broken[Rule.OUTSIDE]
     yield "overlaps another item", overlaps
     yield "not reachable from above", broken[Rule.OVERLAP] | broken[Rule.BLOCKED]
+    if problem.stability == "centre":
+        for tipping in off_centre(boxes, np.zeros(len(low), bool)):
+            broken[Rule.CENTRE][instance[tipping.row], item[tipping.row]] = True
+        yield "not over what carries it", broken[Rule.CENTRE]
     yield "not supported", broken[Rule.FLOATING] | broken[Rule.SUPPORT]

@@ -47,6 +47,8 @@ class Problem:
             bound makes placement faster. None: as large as the bin.
         support: share of an item's footprint that must rest at the item's own height, 0 to 1.
         inclusive: whether exactly that share is enough ("at least") or not ("more than").
+        stability: what else carries an item, see `Rules.stability`: ``share``, nothing, or, of
+            faces, ``centre``.
         rule: which of the allowed positions an item takes, a name in `jaxpack.packing.rules`.
         surface: ``cells``, a height map, or ``faces``, without a grid: what a packing costs depends
             on the number of items and not on that of units.
@@ -54,7 +56,7 @@ class Problem:
 
     Raises:
         UserError: where a side is not whole, there are too many cells or units, the share is none,
-            the surface is not known or `most` is missing.
+            the surface or the stability is not known, or `most` is missing.
     """
 
     bin: tuple[int, int, int]
@@ -64,6 +66,7 @@ class Problem:
     rule: str = "lowest"
     surface: str = "cells"
     most: int | None = None
+    stability: str = "share"
 
     def __post_init__(self) -> None:
         check_bin(self.bin, self.surface)
@@ -73,6 +76,10 @@ class Problem:
             raise UserError(f"largest {self.largest}: give a whole length and width, or None")
         if not 0 <= self.support <= 1:
             raise UserError(f"support {self.support}: give a share from 0 to 1")
+        known = ("share", "centre") if self.surface == "faces" else ("share",)
+        if self.stability not in known:
+            where = f"of {self.surface} there is {' and '.join(known)}"
+            raise UserError(f"stability {self.stability!r}: {where}")
 
     @property
     def window(self) -> tuple[int, int]:

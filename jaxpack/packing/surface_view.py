@@ -20,7 +20,7 @@ from jaxpack.packing.rules import RULES, Rule
 from jaxpack.packing.rules.lowest import lowest
 from jaxpack.packing.surface import Surface, Triple
 from jaxpack.packing.table import Table
-from jaxpack.packing.top_faces import Faces, TopFaces
+from jaxpack.packing.top_faces import Faces, TopFaces, stand_firm
 from jaxpack.packing.view import LEVELS, Candidates, Outline, Places, Surroundings, View
 
 
@@ -65,6 +65,8 @@ class SurfaceView:
     support: float = 0.5  # share of a base that must rest at its own height
     inclusive: bool = True  # whether exactly that share is enough
     rule: Rule = lowest
+    stands: Callable[[Any, Triple, Triple], Array] | None = None
+    """(state, positions, sides) -> which of these are allowed, beyond their support."""
     lanes: int = 1  # rows and blocks of one instance fill a core's cache
     cells = None
 
@@ -187,6 +189,8 @@ class SurfaceView:
         inside = (x + size[0] <= bins[0])[:, None] & (y + size[1] <= bins[1])
         room = (blocks.near_x < blocks.far_x)[:, None] & (blocks.near_y < blocks.far_y)
         allowed = inside & room & (z + size[2] <= bins[2]) & (area >= needed)
+        if self.stands:
+            allowed &= self.stands(state, (x[:, None], y[None], z), size)
         return Places(x[:, None], y[None], z.astype(self.dtype), allowed)
 
     def place(self, state: Any, bins: Array, size: Triple, corner: Triple, fits: Array) -> Any:
@@ -214,7 +218,8 @@ def view_of(problem: Problem) -> View:
     if problem.rule == "lowest" and not faces:
         return Table(problem)
     blocks = blocks_of_faces if faces else blocks_of_cells
-    return SurfaceView(surface_of(problem), blocks, *rules, RULES[problem.rule])
+    stands = stand_firm if problem.stability == "centre" else None
+    return SurfaceView(surface_of(problem), blocks, *rules, RULES[problem.rule], stands)
 
 
 def surface_of(problem: Problem) -> Surface:
@@ -223,7 +228,8 @@ def surface_of(problem: Problem) -> Surface:
         return HeightMap(problem)
     assert problem.most is not None
     # Lengths of 32 bits would have to be traced with x64 enabled.
-    return TopFaces(problem.most, problem.bin[1] == 1, short=True)
+    firm = problem.stability == "centre"
+    return TopFaces(problem.most, problem.bin[1] == 1, short=True, firm=firm)
 
 
 def _overlap(near: Array, far: Array, start: Array, end: Array) -> Array:

@@ -172,6 +172,27 @@ class TopFaces:
         return lines, used + is_new.astype(jnp.int32), at, pred
 
 
+def stand_firm(state: Faces, at: Triple, size: Triple) -> Array:
+    """Which positions are on the floor, or have what carries beyond the item's centre: bool.
+
+    Args:
+        state: of `TopFaces` that are `firm`.
+        at: corners that broadcast to [X, Y, B], at their resting heights.
+        size: sides of the items [B].
+    """
+    x, y, z = at
+    beyond_x, beyond_y = beyond(jnp, x, size[0], 0), beyond(jnp, y, size[1], 1)
+
+    def more(n: Array, quarters: Array) -> Array:
+        near_x, end_x, near_y, end_y = (column[n] for column in state.firm)
+        there = (state.boxes[5][n] == z) & (n < state.used)
+        both = beyond_x(near_x, end_x) & beyond_y(near_y, end_y)
+        return quarters | jnp.where(there, both, jnp.int8(0))
+
+    quarters = jax.lax.fori_loop(0, state.used.max(), more, jnp.zeros(z.shape, jnp.int8))
+    return (z == 0) | (quarters == QUARTERS)
+
+
 class Corners(NamedTuple):
     """Candidates between lines. Whether one is carried is looked at when it is preferred."""
 
