@@ -10,8 +10,10 @@ from fractions import Fraction
 import pytest
 from optimum import optimum
 
+import jaxpack
 from jaxpack.model.bounds import volume_bound
 from jaxpack.model.job import ORIENTATIONS, UPRIGHT, BinType, ItemType, Job, PackedBin, Plan
+from jaxpack.model.limits import ItemLimits
 from jaxpack.model.objectives import bounds, gap, objective_of
 
 ANY = tuple(ORIENTATIONS)
@@ -280,6 +282,36 @@ def test_many_rows_take_no_time_and_no_room(ways, kinds):
     bounds(job)
     assert tracemalloc.get_traced_memory()[1] < 200 * 2**20
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_has_to_stand_on_the_floor_is_not_above_each_other(dimension):
+    wide, depth = (6, 1, 1) if dimension == 2 else (6, 6, 1), (1, 10)[dimension == 3]
+    floor, bins = ItemLimits(floor=True), (BinType((10, depth, 10), cost=3), BinType((5, depth, 9)))
+    items = ItemType(wide, 5, orientations=AS_GIVEN, limits=floor), ItemType((1, 1, 1), 9)
+    job = Job(items, bins, dimension)
+    assert bounds(job).bins == 5
+    assert bounds(job).cost == 15
+    without = replace(job, items=(replace(items[0], limits=ItemLimits()), items[1]))
+    assert bounds(without).bins == 1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_plan_has_fewer_bins_than_its_floor_allows(seed):
+    rng = random.Random(seed)
+    items = tuple(
+        ItemType(
+            tuple(rng.randint(1, 5) for _ in "XYZ"),
+            rng.randint(1, 3),
+            orientations=rng.choice(FREE),
+            limits=ItemLimits(floor=rng.random() < 0.7),
+        )
+        for _ in range(6)
+    )
+    job = Job(items, (BinType((8, 7, 12)), BinType((6, 6, 6))))
+    found = jaxpack.solve(job, packings=20, seed=seed)
+    assert bounds(job).bins <= len(found.plan.bins)
+    assert not jaxpack.check_plan(job, found.plan)
 
 
 def test_a_bound_in_no_time_is_a_bound():

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def _bin_bounds(
         return Bounds(0, 0.0, goods.unfit, (goods.unfit, *(0 for _ in parts)), 0.0)
     costs = np.array([float(parts_of(kind)["cost"]) for kind in goods.kinds])
     needs = [Need(max(1, _most_apart(job) - goods.unfit), (1,) * len(costs))]
-    for need in _needs(goods, costs):
+    for need in chain(_on_floor(job, goods), _needs(goods, costs)):
         needs.append(need)
         if seconds is not None and time.monotonic() - begun > seconds:
             break
@@ -200,6 +201,28 @@ def _needs(goods: Goods, price: np.ndarray) -> Iterator[Need]:
         if len(weights):
             lengths = weights[None, :, None]
             yield from scaled_needs(lengths, copies, limits[:, None], prices, WORK // 8)
+
+
+def _on_floor(job: Job, goods: Goods) -> Iterator[Need]:
+    """The same for items that have to stand on the floor: none of them is above another."""
+    items = tuple(item for item in job.items if item.limits.floor)
+    if not items:
+        return
+    own = goods_of(replace(job, items=items))
+    if not len(own.copies):
+        return
+    # The first way counts for the area, so that has to be the least of any.
+    least_base = np.argsort(own.sizes[..., :2].prod(2), axis=0, kind="stable")
+    sizes = np.take_along_axis(own.sizes, least_base[..., None], 0)
+    flat = replace(
+        own,
+        sizes=np.where(np.arange(3) == 2, 1, sizes),
+        rooms=np.where(np.arange(3) == 2, 1, own.rooms),
+        axes=tuple(axis for axis in own.axes if axis != 2),
+    )
+    for need in _needs(flat, np.ones(len(own.kinds))):
+        each = dict(zip(own.kinds, need.of_kind, strict=True))
+        yield replace(need, of_kind=tuple(each.get(kind, 0) for kind in goods.kinds))
 
 
 def _number(goods: Goods) -> Need:
