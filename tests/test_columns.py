@@ -67,7 +67,10 @@ OF_ITEMS = {  # PackingSolver's columns: what asks for nothing, and what asks fo
     "GROUP_ID": ("0", "1"),
     "PROFIT": ("60", "7"),
     "COPIES_MIN": ("1", "0"),
+    "FRAGILE": ("0", "1"),
+    "NO_STACK": ("FALSE", "TRUE"),
 }
+SAID_WITH = {"GROUP_ID": "STOP", "FRAGILE": "STACKABLE 0", "NO_STACK": "STACKABLE 0"}
 OF_BINS = {
     "COPIES_MIN": ("0", "1"),
     "MAXIMUM_STACK_DENSITY": ("1.79769e+308", "10"),
@@ -79,7 +82,8 @@ OF_BINS = {
 @pytest.mark.parametrize("name", OF_ITEMS)
 def test_what_is_not_obeyed_of_items_is_refused(tmp_path, name):
     nothing, something = (f"X,Y,Z,{name}\n3,4,5,{value}\n" for value in OF_ITEMS[name])
-    what = f"items.csv: row 2, column {name}: is not obeyed here: plan without it with --ignore"
+    instead = f"say it with {SAID_WITH[name]}, or " if name in SAID_WITH else ""
+    what = f"items.csv: row 2, column {name}: is not obeyed here: {instead}plan without it with"
     assert_refused(lambda: read(tmp_path, something, BINS_3D), what)
     assert read(tmp_path, something, BINS_3D, ignore=[name]) == read(tmp_path, ITEMS, BINS_3D)
     assert notes_of(tmp_path, nothing, BINS_3D)[1] == []

@@ -492,6 +492,11 @@ def test_bad_cells_of_items(tmp_path, name, cell, message):
         ("UNSTACKABLE", "STACKABLE"),
         ("MAX_STACKABILITY", "MAXIMUM_STACKABILITY"),
         ("STOPS", "STOP"),
+        ("STOP NUMBER", "STOP"),
+        ("UNLOADING_ORDER", "STOP"),
+        ("FLOOR_ONLY", "FLOOR"),
+        ("GROUPS", "GROUP"),
+        ("KEEP APART", "APART"),
     ],
 )
 def test_other_words_for_columns(tmp_path, name, meant):
@@ -566,6 +571,8 @@ def test_items_that_no_rule_lets_in():
         (ItemType((2, 2, 2), 3, limits=ItemLimits(apart="acid")),), (replace(BIN, copies=2),)
     )
     assert unfit(load).startswith("item 0: 3 items that are to be apart 'acid', and 2 bins: give")
+    load = job(*[((5, 5, 5), {"apart": "acid"}, 0)] * 2, bins=(BinType((9, 9, 9), copies=1),))
+    assert "and 1 bin: give" in unfit(load)
     assert load_job(replace(load, bins=(BIN,)))
     pillar = Obstacle((4, 3, 0), (2, 2, 5))
     held = replace(BIN, limits=BinLimits(obstacles=(pillar,)))

@@ -86,6 +86,8 @@ _LAST = ("QTY", "QUANTITY", "PIECES", "PCS", "PAYLOAD")
 _GOALS = {"VALUE": "PROFIT", "WORTH": "PROFIT", "REVENUE": "PROFIT", "PRICE": "PROFIT"}
 
 _ABOVE = ("WEIGHT_ABOVE", "MAX_WEIGHT_ABOVE", "LOAD_ABOVE", "MAX_LOAD_ABOVE")
+_STOPS = ("STOP_NUMBER", "UNLOADING_ORDER", "DELIVERY_ORDER", "DROP")
+_FLOORS = ("FLOOR_ONLY", "ON_FLOOR", "BOTTOM_ONLY", "GROUND_ONLY")
 _STACKS = ("MAX_STACKABILITY", "MAX_STACK", "MAXIMUM_STACK", "STACK_LIMIT")
 
 ITEMS = Kind(
@@ -99,6 +101,10 @@ ITEMS = Kind(
         **dict.fromkeys(("MASS", "UNIT_WEIGHT"), "WEIGHT"),
         **dict.fromkeys(_ABOVE, "MAXIMUM_WEIGHT_ABOVE"),
         **dict.fromkeys(_STACKS, "MAXIMUM_STACKABILITY"),
+        **dict.fromkeys(_STOPS, "STOP"),
+        **dict.fromkeys(_FLOORS, "FLOOR"),
+        **dict.fromkeys(("GROUPS", "KEEP_TOGETHER"), "GROUP"),
+        **dict.fromkeys(("APARTS", "KEEP_APART"), "APART"),
     },
     foreign=foreign.OF_ITEMS,
     texts=("GROUP", "APART"),

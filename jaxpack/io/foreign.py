@@ -1,4 +1,4 @@
-"""Columns of PackingSolver's files that are not obeyed here, and when they ask for nothing."""
+"""Columns that are known and not obeyed, most of PackingSolver, and when they ask for nothing."""
 
 import math
 from collections.abc import Callable
@@ -20,6 +20,9 @@ _TRUCK = (
     "TRAILER_GRAVITY_CENTER_REAR_AXLE_DISTANCE",
     "TRAILER_START_HARNESS_DISTANCE",
 )
+_FRAGILE = ("FRAGILE", "NO_STACK", "NO_STACKING", "NOT_STACKABLE", "NON_STACKABLE")
+_INSTEAD = {"GROUP_ID": "STOP", **dict.fromkeys(_FRAGILE, "STACKABLE 0")}
+"""What says the same here."""
 _TRIMS = ("LEFT_TRIM", "RIGHT_TRIM", "BOTTOM_TRIM", "TOP_TRIM")
 
 
@@ -30,6 +33,10 @@ def zero(row: Row, column: str) -> bool:
 
 def _none(row: Row, column: str) -> bool:
     return row.number(column) == -1
+
+
+def _no(row: Row, column: str) -> bool:
+    return not row.flag(column, default=False)
 
 
 def _any(row: Row, column: str) -> bool:
@@ -59,6 +66,7 @@ OF_ITEMS: dict[str, Harmless] = {
     "MAXIMUM_WEIGHT_AFTER": _no_limit,
     "ELIGIBILITY_ID": _none,
     "STACK_ID": _none,
+    **dict.fromkeys(_FRAGILE, _no),
 }
 OF_BINS: dict[str, Harmless] = {
     "COPIES_MIN": zero,
@@ -77,5 +85,6 @@ def check_foreign(row: Row, column: str, harmless: Harmless) -> None:
         UserError: naming the row and the column.
     """
     if row.has(column) and not harmless(row, column):
-        what = "is not obeyed here"
-        raise fault(row.at(column), what, f"plan without it with --ignore {column}")
+        instead = f"say it with {_INSTEAD[column]}, or " if column in _INSTEAD else ""
+        advice = f"{instead}plan without it with --ignore {column}"
+        raise fault(row.at(column), "is not obeyed here", advice)

@@ -51,7 +51,7 @@ def apart_message(job: Job) -> str | None:
     most = sum(count or 0 for count in copies)
     for name, items in apart_items(job).items():
         if (count := sum(item.copies for item in items)) > most:
-            what = f"{count} items that are to be apart '{name}', and {most} bins"
+            what = f"{count} items that are to be apart '{name}', and {most} bin{'s' * (most != 1)}"
             where = items[0].where or f"item {job.items.index(items[0])}"
             return f"{where}: {what}: give more, or leave out the column APART with --ignore"
     return None
@@ -87,7 +87,8 @@ def unfit_hint(job: Job, item: int) -> str:
             if ways:
                 return f"it would fit turned: allow ROTATION_{ways[0]}"
         return "give a larger bin"
-    return "give a bin with a higher MAXIMUM_WEIGHT that has room for it"
+    where = "MAXIMUM_WEIGHT, or last limit of BANDS," if any(one.tariff for one in bins) else ""
+    return f"give a bin with a higher {where or 'MAXIMUM_WEIGHT'} that has room for it"
 
 
 def scale_hint(job: Job) -> str | None:
