@@ -72,6 +72,14 @@ def test_articles_on_their_own_stacks():
     assert sorted(map(sorted, stacks.values())) == [[0], [1]]
 
 
+def test_stacks_of_two_articles_share_a_pallet():
+    """Eight stacks of five have room; spread on the floor first, one article takes all of it."""
+    one = ItemType((400.0, 300.0, 300.0), 17, orientations=UPRIGHT, limits=ItemLimits(stack_id=1))
+    other = replace(one, limits=ItemLimits(stack_id=2))
+    job = Job((one, other), (BinType((1200.0, 800.0, 1500.0)),))
+    assert loads(solved(job, packings=24)) == [34]
+
+
 @pytest.mark.parametrize(("objective", "used"), [("price", [0, 0, 0]), ("bins", [1])])
 def test_small_parcels_or_one_large_one(objective, used):
     bins = BinType((15.0, 15.0, 15.0), cost=5.0), BinType((60.0, 60.0, 60.0), cost=60.0)

@@ -60,6 +60,7 @@ class Packing:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
         self.more = True  # whether there is a bin after this one
+        self.stacking = False  # see `Load`
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
 
@@ -99,6 +100,7 @@ class Packing:
         """
         most = min(self.most, len(self.waiting))
         bin = RuledBin(self.loading, slot, self.rules, self.turn, most)
+        bin.load.stacking = self.stacking
         if balanced:
             bin.load.prefer = Balance(bin.load).off
         if always:

@@ -59,6 +59,7 @@ class _Draws:
         self.order = list[np.ndarray]()
         self.size = np.sort(loading.stock.sizes[:, 0].astype(np.float64), 1)
         self.worth = value.copy()
+        self.stacks = len(np.unique(loading.asked.stack_id)) > 1
 
     def run(self, draws: int) -> None:
         """Fills bins until nothing waits, or nothing fits."""
@@ -116,6 +117,7 @@ class _Draws:
         if draw % 2 == 0:
             layer = loading.asked.layer[loading.items[waiting[place]]]
             place = place[np.argsort(layer, kind="stable")]
+        packing.stacking = self.stacks and self.random.random() < 0.5
         packing.arrange(place)
 
     def _keep(self, slot: int, rows: np.ndarray, corners: np.ndarray, turn: np.ndarray) -> None:

@@ -96,6 +96,8 @@ class Load:
         self.ceilings = [ANY, *sorted({int(z) for z in hanging if z > 0})]
         self.prefer: Callable[[Places], np.ndarray] | None = None
         """What an item wants of its place next to that it is low; it may stand at far walls too."""
+        self.stacking = False
+        """Whether an item rather lies on another one than on the floor."""
         self.rules = [rule(self) for rule in rules]
         self._lines()
 
@@ -225,6 +227,8 @@ class Load:
         (x, y, z), rule = at.low, rule_named(self.loading.rules.rule)
         if self.prefer:
             return _rank([x, y, self.prefer(at), z])
+        if self.stacking:
+            return _rank([x, y, z, z == 0])
         if rule is RULES["lowest"]:
             across, behind = int(u.max()) + 1, int(v.max()) + 1
             if self.loading.rules.door:  # wall by wall, from the far end on
