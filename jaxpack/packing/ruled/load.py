@@ -44,10 +44,16 @@ class Places:
         area: np.ndarray = self.along[0] * self.along[1] * lies
         return area
 
-    def pick(self, number: int) -> "Places":
-        """One of them alone."""
-        one = slice(number, number + 1)
-        return Places(self.load, self.item, self.low[:, one], (self.high - self.low)[:, 0])
+    def pick(self, some: slice | np.ndarray) -> "Places":
+        """Some of them alone, with what is known of them."""
+        picked = Places(self.load, self.item, self.low[:, some], (self.high - self.low)[:, 0])
+        known = vars(self)
+        for name in ("over", "area"):
+            if name in known:
+                vars(picked)[name] = known[name][some]
+        if "along" in known:
+            vars(picked)["along"] = known["along"][:, some]
+        return picked
 
 
 class BoxRule(ABC):
@@ -141,7 +147,8 @@ class Load:
             places = Places(self, item, low[:, some], size)
             allowed = np.flatnonzero(self.allows(places, needed))
             if len(allowed):
-                return places.pick(int(allowed[key[some][allowed].argmin()]))
+                best = int(allowed[key[some][allowed].argmin()])
+                return places.pick(slice(best, best + 1))
         return None
 
     def put(self, row: int, turn: int, corner: np.ndarray) -> bool:
@@ -161,11 +168,17 @@ class Load:
 
     def allows(self, places: Places, needed: int) -> np.ndarray:
         """bool [C], whether every rule allows it."""
-        allowed = np.ones(places.low.shape[1], bool)
+        count = places.low.shape[1]
+        left = np.arange(count)
         for rule in self.rules:
-            allowed &= rule.allows(places, needed)
-            if not allowed.any():
-                break
+            kept = rule.allows(places, needed)
+            if not kept.all():
+                left = left[kept]
+                if not len(left):
+                    break
+                places = places.pick(kept)
+        allowed = np.zeros(count, bool)
+        allowed[left] = True
         return allowed
 
     def add(self, at: Places, row: int) -> None:

@@ -32,7 +32,8 @@ class Loads(BoxRule):
         table = self.carried[:n, column]
         weight = asked.weight[item]
         now = weight @ table[load.fixed :] - weight[bounded]
-        more = asked.weight[at.item] * (_shares(at) @ table)
+        under = np.flatnonzero(at.area.any(0))
+        more = asked.weight[at.item] * (_shares(at)[:, under] @ table[under])
         allowed: np.ndarray = (now + more <= above * (1 + NOISE)).all(1)
         return allowed
 
