@@ -4,7 +4,7 @@ pip install 'jaxpack[physics]'
 python experiments/physics.py [--count 100] [--workers 2] [--only TEXT] [--data FOLDER]
 
 So many made orders, mail orders and pallets of 33 cartons, packed with four packings each by every
-rule: about three minutes a rule on one core. Adds a row per order and rule to results/physics.csv,
+rule: a quarter of an hour a rule on one core. Adds a row per order and rule to results/physics.csv,
 leaving out those that are there, and writes results/physics.md, the sums by set and rule. An item
 has moved if one of its corners is displaced by more than a centimetre.
 """
