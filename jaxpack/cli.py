@@ -4,6 +4,7 @@ import contextlib
 import gc
 import io
 import logging
+import math
 import os
 import re
 import sys
@@ -133,6 +134,17 @@ def parse_whole(option: str, text: str) -> list[int]:
         raise UserError(
             f"--{option} '{text}': give whole numbers separated by commas, such as 20,40"
         ) from None
+
+
+def parse_numbers(option: str, text: str) -> list[float]:
+    """Numbers from "1e-3,3e-3". Raises UserError naming the option."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(map(math.isfinite, numbers)):
+        raise UserError(f"--{option} '{text}': give numbers separated by commas, such as 1e-3,3e-3")
+    return numbers
 
 
 def parse_sides(text: str) -> list[tuple[int, int]]:

@@ -80,8 +80,12 @@ def _milliseconds(value: float) -> str:
 
 
 def print_table(console: Console, rows: Sequence[Row]) -> None:
-    """Prints the comparison, wider than the terminal rather than with figures cut off."""
-    table = comparison_table(rows)
+    """Prints the comparison."""
+    print_wide(console, comparison_table(rows))
+
+
+def print_wide(console: Console, table: Table) -> None:
+    """Prints a table, wider than the terminal rather than with figures cut off."""
     wide = Measurement.get(console, console.options.update(max_width=200), table).maximum
     console.width = max(console.width, wide)
     console.print(table)

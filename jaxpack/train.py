@@ -1,26 +1,22 @@
-"""`python -m jaxpack.train`: trains a policy and ends with how it compares."""
+"""`python -m jaxpack.train`: trains a policy, or a sweep, and ends with how it compares."""
 
 import json
-import os
-import signal
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import replace
 from pathlib import Path
-from threading import Event
-from typing import Any
 
 import jax
 from jax.sharding import Mesh
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction
 
-from jaxpack.cli import called, parse_options, parse_sides, run_door
+from jaxpack.cli import called, parse_options, run_door
 from jaxpack.comparison import Comparison, Row, compare, make_instances
 from jaxpack.errors import UserError
+from jaxpack.following import FIGURES, asked_to_stop, progress_bar
 from jaxpack.io.atomic import replace_file
+from jaxpack.io.board import tensorboard
+from jaxpack.io.members import is_sweep
 from jaxpack.io.order_files import read_again
 from jaxpack.io.runs import (
     RunConfig,
@@ -30,15 +26,14 @@ from jaxpack.io.runs import (
     read_run,
     starting_params,
 )
-from jaxpack.learning.presets import DEFAULT_PRESET, preset
-from jaxpack.learning.recipe import Policy, TrainConfig
+from jaxpack.learning.recipe import Policy
 from jaxpack.methods import MethodOptions, make_method
-from jaxpack.model.instances import Cell, Source
-from jaxpack.model.problem import Problem
-from jaxpack.orders import order_instances
+from jaxpack.model.instances import Cell
 from jaxpack.packing.selfcheck import check_device
 from jaxpack.search.protocol import lying, pack_orders
 from jaxpack.tables import print_table, write_table
+from jaxpack.train_options import Planned, TrainOptions, check_resume, new_path, plan_runs
+from jaxpack.train_sweep import run_sweep
 from jaxpack.training import DivergedError, train_run
 from jaxpack.xla.devices import (
     anywhere,
@@ -50,157 +45,29 @@ from jaxpack.xla.devices import (
     use_all_cores,
 )
 
-WHERE = ("devices", "coordinator", "process_id", "num_processes")  # no part of what a run is
 FINAL_METHODS = ("random", "volume", "footprint", "height", "best-of-100")
 
 
-@dataclass(frozen=True)
-class TrainOptions:
-    """Train a policy in a run folder. Options that are not given are the preset's."""
+def start_or_resume(
+    options: TrainOptions, planned: Sequence[Planned] = ()
+) -> tuple[Path, RunConfig, Mesh]:
+    """The run folder, made or found, its config, and the devices that will train it.
 
-    preset: Positional[str] = DEFAULT_PRESET
-    """bin-aware-2d or -3d, also with -range or -turned, paper-2d or paper-3d."""
-    resume: Path | None = None
-    """Go on with this run folder; takes no other option."""
-    run: Path | None = None
-    """The run folder to make; runs/PRESET-TIME if not given."""
-    start_from: str = ""
-    """A policy of the package or an .npz file to begin with; fresh weights if not given."""
-    orders: Path | None = None
-    """Learn from the orders of this file, not from random instances: .csv, one for each name in its
-    column ORDER, or .json."""
-    bins: Path | None = None
-    """The bins that --orders go into, .csv."""
-    bin_type: str = ""
-    """Name or row of the one type of --bins that is used."""
-    ignore: UseAppendAction[tuple[str, ...]] = ()
-    """A column of --orders or --bins that need not be obeyed; may be given several times."""
-    skip_unfit: FlagCreatePairsOff[bool] = False
-    """Leave out the items of --orders that the bin cannot hold; otherwise they are an error."""
-    seed: int = 0
-    """Gives the weights, the data, the shuffles and the samples."""
-    items: int | None = None
-    """Items per instance."""
-    bin: int | None = None
-    """Side of the bin in cells, in every axis of the preset's bin."""
-    sides: str | None = None
-    """Smallest and largest side of an item, as LOW-HIGH."""
-    train_instances: int | None = None
-    """Size of the fixed training set."""
-    valid_instances: int | None = None
-    """Size of the fixed validation set."""
-    batch: int | None = None
-    """Instances per update."""
-    epochs: int | None = None
-    """Passes over the training set."""
-    learning_rate: float | None = None
-    """Of Adam, at the start."""
-    schedule: str | None = None
-    """Of the rate: constant, or cosine (down to zero)."""
-    objective: str | None = None
-    """What is minimised: bins (bins, then C, then P) or paper (R)."""
-    learner: str | None = None
-    """critic, leave-one-out, leave-one-out-by-bin, or self-label: imitate the best sample."""
-    samples: int | None = None
-    """Orders drawn per instance."""
-    entropy: float | None = None
-    """Weight of the choices' entropy in the loss."""
-    clip: float | None = None
-    """Largest norm of a gradient, 0 for any."""
-    alpha: float | None = None
-    """Weight of compactness in the cost."""
-    beta: float | None = None
-    """Weight of pyramid in the cost."""
-    hidden: int | None = None
-    """Width of the network."""
-    chunk: int = 20
-    """Updates per dispatch and per line of metrics.jsonl, at most."""
-    checkpoint_every: int = 100
-    """Updates between validations and checkpoints, at least."""
-    devices: int | None = None
-    """Devices that share each batch; the most that divide it if not given. Goes with --resume."""
-    coordinator: str | None = None
-    """HOST:PORT of process 0, to train in several processes. Found under SLURM. With --resume."""
-    process_id: int | None = None
-    """Which of the processes this is, from 0. Goes with --resume."""
-    num_processes: int | None = None
-    """How many processes there are. Goes with --resume."""
-
-
-def make_recipe(options: TrainOptions) -> TrainConfig:
-    """The preset with the given options put in. Raises UserError where they do not go together."""
-    recipe = preset(options.preset)
-    names = (
-        "train_instances",
-        "valid_instances",
-        "batch",
-        "epochs",
-        "learning_rate",
-        "schedule",
-        "objective",
-        "learner",
-        "samples",
-        "entropy",
-        "clip",
-        "alpha",
-        "beta",
-    )
-    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
-    policy = recipe.policy
-    if options.hidden is not None:
-        policy = replace(policy, hidden=options.hidden)
-    problem, distribution = make_distribution(options, recipe)
-    others = recipe.others if options.orders is None else ()
-    return replace(
-        recipe, problem=problem, distribution=distribution, policy=policy, others=others, **given
-    )
-
-
-def make_distribution(options: TrainOptions, recipe: TrainConfig) -> tuple[Problem, Source]:
-    """What is learned from, and the rules."""
-    if orders := order_instances(options):
-        problem = orders.problem()
-        if len(problem.axes) != len(recipe.problem.axes):
-            what = f"{options.preset} is for {len(recipe.problem.axes)}D"
-            raise UserError(f"--orders {options.orders}: of {len(problem.axes)}D, but {what}")
-        return problem, orders
-    problem, distribution = recipe.problem, recipe.distribution
-    if options.items is not None:
-        distribution = replace(distribution, items=options.items)
-    if options.sides is not None:
-        ranges = parse_sides(options.sides)
-        if len(ranges) > 1:
-            raise UserError(f"--sides '{options.sides}': training takes one range, such as 1-5")
-        distribution = replace(distribution, low=ranges[0][0], high=ranges[0][1])
-    bin = problem.bin if options.bin is None else (options.bin,) * 3
-    return problem.resized(bin, distribution.high), distribution
-
-
-def start_or_resume(options: TrainOptions) -> tuple[Path, RunConfig, Mesh]:
-    """The run folder, made or found, its config, and the devices that will train it."""
+    Args:
+        planned: the run, where it is a new one.
+    """
     if options.resume is not None:
-        where = {name: getattr(options, name) for name in ("resume", *WHERE)}
-        if options != TrainOptions(**where):
-            raise UserError("--resume takes no other option: the run folder holds them all")
+        check_resume(options)
         config = read_run(options.resume)
         source = read_again(config.train.distribution)
         config = replace(config, train=replace(config.train, distribution=source))
         return options.resume, config, _mesh(options, config)
-    recipe = make_recipe(options)
-    config = RunConfig(
-        options.preset,
-        options.seed,
-        recipe,
-        options.chunk,
-        options.checkpoint_every,
-        options.start_from,
-    )
+    config = planned[0].config
     starting_params(config)  # what cannot be is said before there is a folder
     mesh = _mesh(options, config)
-    stamp = time.strftime("%Y%m%d-%H%M%S")
     if options.run is None and jax.process_count() > 1:
         raise UserError("--run: name the folder that the processes share")
-    run = options.run or Path("runs") / f"{options.preset}-{stamp}-{os.getpid()}"
+    run = new_path(options)
     on_first(lambda: create_run(run, config))
     return run, config, mesh
 
@@ -210,17 +77,6 @@ def _mesh(options: TrainOptions, config: RunConfig) -> Mesh:
     return data_mesh(devices, everywhere=True)
 
 
-@contextmanager
-def asked_to_stop() -> Iterator[Callable[[], bool]]:
-    """A function that tells whether a SIGTERM came: it ends nothing while the block runs."""
-    asked = Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: asked.set())
-    try:
-        yield asked.is_set
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def follow(
     run: Path, config: RunConfig, console: Console, stop: Callable[[], bool], mesh: Mesh
 ) -> None:
@@ -228,33 +84,17 @@ def follow(
 
     `stop` and `mesh`: see `train_run`.
     """
-    columns = ("{task.description}", "{task.completed}/{task.total}", "{task.fields[figures]}")
-    progress = Progress(
-        TextColumn(columns[0]),
-        BarColumn(bar_width=20),
-        TextColumn(columns[1]),
-        TextColumn(columns[2]),
-        TimeRemainingColumn(),
-        console=console,
-    )
-    board = _tensorboard(run) if is_first() else None
-    with progress:
+    board = tensorboard(run) if is_first() else nullcontext(lambda record: None)
+    with progress_bar(console) as progress, board as log:
         task = progress.add_task("training", total=config.train.updates, figures="compiling")
         for record in train_run(run, config, stop, mesh):
+            log(record)
             if "validation" in record:
-                figures = record["validation"]
-                console.print(f"update {record['update']}, greedy, validation: {_figures(figures)}")
+                figures = _figures(record["validation"])
+                console.print(f"update {record['update']}, greedy, validation: {figures}")
             else:
-                figures = {k: v for k, v in record.items() if isinstance(v, float)}
-                speed = f"{record['updates_per_second']:.1f}/s"
-                text = f"{speed} {_figures(figures)}"
+                text = f"{record['updates_per_second']:.1f}/s {_figures(record)}"
                 progress.update(task, completed=record["update"], figures=text)
-            for name, value in figures.items():
-                kind = "validation" if "validation" in record else "train"
-                if board:
-                    board.add_scalar(f"{kind}/{name}", value, record["update"])
-    if board:
-        board.close()
 
 
 def finish(run: Path, config: RunConfig, policy: Policy, console: Console) -> None:
@@ -295,16 +135,7 @@ def _draw(
 
 
 def _figures(values: dict[str, float]) -> str:
-    names = (("cost", "cost"), ("compactness", "C"), ("pyramid", "P"), ("bins", "bins"))
-    return " ".join(f"{short} {values[name]:.3f}" for name, short in names)
-
-
-def _tensorboard(run: Path) -> Any:
-    try:
-        from tensorboardX import SummaryWriter
-    except ImportError:
-        return None
-    return SummaryWriter(str(run / "tensorboard"))
+    return " ".join(f"{short} {values[name]:.3f}" for name, short in FIGURES)
 
 
 def main(argv: Sequence[str]) -> None:
@@ -313,8 +144,12 @@ def main(argv: Sequence[str]) -> None:
     join_processes(options.coordinator, options.process_id, options.num_processes)
     use_all_cores()
     check_device()
-    run, config, mesh = start_or_resume(options)
+    planned = plan_runs(options) if options.resume is None else []
     console = Console(quiet=not is_first())
+    if len(planned) > 1 or (options.resume and is_sweep(options.resume)):
+        run_sweep(options, planned, console)
+        return
+    run, config, mesh = start_or_resume(options, planned)
     with ExitStack() as stack:
         on_first(lambda: stack.enter_context(lock_run(run)))
         devices = "" if mesh.size == 1 else f" on {mesh.size} devices"

@@ -24,12 +24,9 @@ from jaxpack.io.runs import (
 )
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import TrainConfig
-from jaxpack.learning.trainer import (
-    train_chunk,
-    validation_set,
-)
+from jaxpack.learning.trainer import ChunkMetrics, train_chunk, validation_set
 from jaxpack.model.metrics import bins_used, compactness, pyramid
-from jaxpack.model.problem import in_orientation
+from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
 from jaxpack.xla.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
 
@@ -44,6 +41,14 @@ def chunk_length(config: RunConfig) -> int:
     """Updates per dispatch: the largest divisor of an epoch that is no more than asked for."""
     per_epoch = config.train.updates_per_epoch
     return max(n for n in range(1, min(config.chunk, per_epoch) + 1) if per_epoch % n == 0)
+
+
+def validations(config: RunConfig) -> int:
+    """Updates between them. By the update's number alone: a run that was stopped in between
+    validates at the same ones.
+    """
+    length = chunk_length(config)
+    return length * math.ceil(config.checkpoint_every / length)
 
 
 def train_run(
@@ -68,8 +73,7 @@ def train_run(
         UserError: where the newest checkpoint is damaged, or the folder cannot be written.
     """
     train, length, mesh = config.train, chunk_length(config), mesh or data_mesh()
-    # By the update's number alone: a run that was stopped in between validates at the same ones.
-    every = length * math.ceil(config.checkpoint_every / length)
+    every = validations(config)
     checkpoints: Checkpoints | None = None
     snapshot = None
     if (run / "checkpoints").is_dir():
@@ -84,14 +88,12 @@ def train_run(
         began = time.perf_counter()
         state, metrics = train_chunk(train, state, length, mesh)
         if metrics.finite != 1:
-            raise DivergedError(_diverged(run, update, update + length, saved))
+            raise DivergedError(diverged(run, update, update + length, saved))
         now = time.perf_counter()
         update += length
         place = {"update": update, "epoch": math.ceil(update / train.updates_per_epoch)}
-        outcome = metrics.outcome._asdict() | {"gradient_norm": metrics.gradient_norm}
-        values = {name: float(value) for name, value in outcome.items()}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
-        yield _log(run, place | values | speed)
+        yield _log(run, place | figures_of(metrics) | speed)
         stopping, due = anywhere(stop()), update % every == 0 or update == train.updates
         if due:
             means = validate_policy(train, state.params, state.key, mesh)
@@ -108,6 +110,12 @@ def train_run(
         checkpoints.close()
 
 
+def figures_of(metrics: ChunkMetrics) -> dict[str, float]:
+    """What a record of metrics.jsonl says of a chunk."""
+    outcome = metrics.outcome._asdict() | {"gradient_norm": metrics.gradient_norm}
+    return {name: float(value) for name, value in outcome.items()}
+
+
 def _log(run: Path, record: dict[str, Any]) -> dict[str, Any]:
     if is_first():
         append_line(run, record)
@@ -122,24 +130,34 @@ def validate_policy(
     return {name: float(value) for name, value in means.items()}
 
 
-@partial(jax.jit, static_argnames=("config", "mesh"))
-def _validation_means(
-    config: TrainConfig, params: Params, key: Array, mesh: Mesh | None
+def pack_greedily(
+    config: TrainConfig, params: Params, instances: Instance
+) -> tuple[Instance, Array, Packing, dict[str, Array]]:
+    """What the greedy policy makes of instances (leaves [B, ...]): the instances as it turned them,
+    the orders int32 [B, N], the packings, and what they are like, [B] each by name.
+    """
+    orders, turns = config.policy.orders(config.problem, params, instances, kinds=config.kinds)
+    instances = jax.vmap(in_orientation)(instances, turns)
+    packing = jax.vmap(partial(pack, config.problem))(instances, orders)
+    measures = {
+        "cost": jax.vmap(config.cost)(instances, packing),
+        "compactness": jax.vmap(compactness)(instances, packing),
+        "pyramid": jax.vmap(pyramid)(packing),
+        "bins": jax.vmap(bins_used)(packing),
+    }
+    return instances, orders, packing, measures
+
+
+def validation_means(
+    config: TrainConfig, params: Params, key: Array, mesh: Mesh | None = None
 ) -> dict[str, Array]:
+    """`validate_policy` to be traced: float32[] by name."""
     devices = mesh.size if mesh else 1
     batch = min(VALIDATION_BATCH, -(-config.valid_instances // devices))
 
     def judge(params: Params, key: Array, rows: Array) -> dict[str, Array]:
         instances = validation_set(config, key, jnp.minimum(rows, config.valid_instances - 1))
-        orders, turns = config.policy.orders(config.problem, params, instances, kinds=config.kinds)
-        instances = jax.vmap(in_orientation)(instances, turns)
-        packing = jax.vmap(partial(pack, config.problem))(instances, orders)
-        return {
-            "cost": jax.vmap(config.cost)(instances, packing),
-            "compactness": jax.vmap(compactness)(instances, packing),
-            "pyramid": jax.vmap(pyramid)(packing),
-            "bins": jax.vmap(bins_used)(packing),
-        }
+        return pack_greedily(config, params, instances)[-1]
 
     pieces = -(-config.valid_instances // (batch * devices)) * devices
     rows = jnp.arange(pieces * batch).reshape(pieces, batch)
@@ -151,7 +169,11 @@ def _validation_means(
     return {k: v.reshape(-1)[: config.valid_instances].mean() for k, v in judged.items()}
 
 
-def _diverged(run: Path, first: int, last: int, saved: int) -> str:
+_validation_means = partial(jax.jit, static_argnames=("config", "mesh"))(validation_means)
+
+
+def diverged(run: Path, first: int, last: int, saved: int) -> str:
+    """What is said of a run that diverged between two updates, saved at one before."""
     kept = f"the checkpoint of update {saved} in {run} is kept" if saved else "no checkpoint yet"
     return (
         f"training diverged between updates {first} and {last}: a loss, gradient or weight is not "

@@ -26,6 +26,11 @@ TOP = {
     "rule_flags",
     "parts",
     "batches",
+    "train_options",
+    "train_sweep",
+    "sweeping",
+    "sweep_report",
+    "following",
 }
 BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
 ALLOWED = {

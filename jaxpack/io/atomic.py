@@ -1,6 +1,8 @@
-"""Files that are either the old or the new ones, never half of one."""
+"""Files that are either the old or the new ones, never half of one; and folders."""
 
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,6 +30,29 @@ def replace_file(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
     finally:
         with suppress(OSError):
             beside.unlink()
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder beside `path` to be filled, which has that name once the block has ended well.
+
+    Raises:
+        UserError: where it exists or cannot be made.
+    """
+    if path.exists():
+        raise UserError(f"{path}: exists already; go on with --resume {path} or name another run")
+    beside = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        beside.chmod(0o755)
+        yield beside
+        os.rename(beside, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be made ({error.strerror}); name another run") from error
+    finally:
+        if beside is not None:
+            shutil.rmtree(beside, ignore_errors=True)
 
 
 def check_writable(path: Path) -> None:

@@ -13,8 +13,6 @@ moment, or out of disk, a run loses what it did since its last checkpoint and no
 import json
 import os
 import re
-import shutil
-import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -30,7 +28,7 @@ from jax.sharding import Mesh
 from jax.typing import ArrayLike
 
 from jaxpack.errors import MOST, UserError, check_counts
-from jaxpack.io.atomic import replace_file
+from jaxpack.io.atomic import new_folder, replace_file
 from jaxpack.io.configs import config_from_dict, config_to_dict
 from jaxpack.io.locks import held
 from jaxpack.io.texts import read_json
@@ -116,19 +114,8 @@ def best_of_state(state: TrainState, cost: ArrayLike) -> Best:
 
 def create_run(path: Path, config: RunConfig) -> None:
     """Makes the run folder with its config. Raises UserError where it exists or cannot be made."""
-    if path.exists():
-        raise UserError(f"{path}: exists already; go on with --resume {path} or name another run")
-    beside = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-        beside.chmod(0o755)
-        (beside / "config.json").write_text(json.dumps(config_to_dict(config), indent=2) + "\n")
-        os.rename(beside, path)
-    except OSError as error:
-        if beside is not None:
-            shutil.rmtree(beside, ignore_errors=True)
-        raise UserError(f"{path}: cannot be made ({error.strerror}); name another run") from error
+    with new_folder(path) as folder:
+        (folder / "config.json").write_text(json.dumps(config_to_dict(config), indent=2) + "\n")
 
 
 def read_run(path: Path) -> RunConfig:

@@ -218,7 +218,7 @@ def pointer_gradient(
             baseline = cost - leave_one_out(cost)
         losses = actor_critic_losses(rollout.log_prob, cost, baseline)
         total = losses.actor + losses.critic
-        if config.entropy:
+        if not config.lacks("entropy"):
             total -= config.entropy * (rollout.entropy.mean(1) * instances.mask.sum(1)).mean()
         means = [x.mean() for x in (cost, *measures)]
         entropy = rollout.entropy.mean()

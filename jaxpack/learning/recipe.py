@@ -1,5 +1,7 @@
 """A recipe: what is learned, from what, by which rule and for how long."""
 
+from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 
 from jax import Array
@@ -21,6 +23,10 @@ LEARNERS = {
     "self-label": "imitation of the best sample of each instance",
 }
 """What there is to learn by; `Network.learners` says which of them go with what."""
+
+TRACED = ("entropy", "clip", "alpha", "beta")
+"""Numbers of a recipe that may be traced, so that one program trains with any of them, as it does
+with any rate, which is in the state."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +111,22 @@ class TrainConfig:
     def kinds(self) -> int:
         """K: no instance has more distinct sizes."""
         return self.distribution.kinds(self.problem)
+
+    def traced(self, numbers: Mapping[str, Array]) -> "TrainConfig":
+        """The same with arrays for some of its numbers, to be used while a program is traced.
+
+        Args:
+            numbers: float32[] each, by names of TRACED; the others stay. They are not checked.
+        """
+        config = copy(self)
+        for name, number in numbers.items():
+            object.__setattr__(config, name, number)
+        return config
+
+    def lacks(self, name: str) -> bool:
+        """Whether this number is 0 whatever the program is given."""
+        number = getattr(self, name)
+        return isinstance(number, int | float) and number == 0
 
     def cost(self, instance: Instance, packing: Packing) -> Array:
         """What the training minimises, of one packing: float32 scalar."""

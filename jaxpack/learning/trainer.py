@@ -4,7 +4,7 @@
 `train_chunk`, a few updates per dispatch, so that it can report and checkpoint in between.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -91,8 +91,9 @@ def train_step(
     key = jax.random.fold_in(jax.random.fold_in(state.key, 3), state.update)
     gradient, outcome = policy_gradient(config, state.params, instances, key, mesh)
     norm = optax.tree.norm(gradient)
-    if config.clip:
+    if not config.lacks("clip"):
         shrink = jnp.minimum(1, config.clip / jnp.maximum(norm, 1e-12))
+        shrink = jnp.where(config.clip > 0, shrink, 1)
         gradient = jax.tree.map(lambda leaf: leaf * shrink, gradient)
     direction, optimizer = optax.scale_by_adam().update(gradient, state.optimizer)
     rate = state.learning_rate
@@ -107,12 +108,17 @@ def train_step(
 
 
 def train_updates(
-    config: TrainConfig, state: TrainState, updates: int, mesh: Mesh | None = None
+    config: TrainConfig,
+    state: TrainState,
+    updates: int,
+    mesh: Mesh | None = None,
+    numbers: Mapping[str, Array] | None = None,
 ) -> tuple[TrainState, ChunkMetrics]:
     """`updates` updates (static) within one epoch: the batches follow the epoch's shuffle.
 
     Args:
         mesh: static, the devices that share each batch, from `data_mesh`; None: where the state is.
+        numbers: instead of the config's, see `TrainConfig.traced`.
     """
     epoch, done = jnp.divmod(state.update, config.updates_per_epoch)
     shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, 4), epoch)
@@ -121,7 +127,7 @@ def train_updates(
     def take(turn: TrainConfig, state: TrainState, rows: Array) -> tuple[TrainState, ChunkMetrics]:
         return train_step(turn, state, training_instances(turn, state.key, rows), mesh)
 
-    turns = [partial(take, turn) for turn in config.turns]
+    turns = [partial(take, turn.traced(numbers or {})) for turn in config.turns]
 
     def update(state: TrainState, step: Array) -> tuple[TrainState, ChunkMetrics]:
         first = (done + step) * config.batch
@@ -152,16 +158,19 @@ def make_train(
         config: the recipe, static.
 
     Returns:
-        train(key, learning_rate=None) -> (state, metrics). `key` is a typed PRNG key [], the rate
-        float32 []. `state.params` are the weights after the last update; `metrics` are means over
-        each epoch, float32 [epochs].
+        train(key, learning_rate=None, numbers=None) -> (state, metrics). `key` is a typed PRNG key
+        [], the rate float32 []; numbers such as {"entropy": float32 []} replace the recipe's:
+        entropy, clip, alpha, beta. `state.params` are the weights after the last update; `metrics`
+        are means over each epoch, float32 [epochs].
     """
 
     def train(
-        key: Array, learning_rate: ArrayLike | None = None
+        key: Array,
+        learning_rate: ArrayLike | None = None,
+        numbers: Mapping[str, Array] | None = None,
     ) -> tuple[TrainState, ChunkMetrics]:
         def epoch(state: TrainState, _: None) -> tuple[TrainState, ChunkMetrics]:
-            return train_updates(config, state, config.updates_per_epoch)
+            return train_updates(config, state, config.updates_per_epoch, numbers=numbers)
 
         state = init_state(config, key, learning_rate)
         return jax.lax.scan(epoch, state, None, length=config.epochs)

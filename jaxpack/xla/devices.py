@@ -4,6 +4,7 @@ They may belong to several processes, on several machines: each runs the same pr
 """
 
 import contextlib
+import math
 import os
 import re
 from collections.abc import Callable
@@ -106,13 +107,17 @@ def data_mesh(devices: int = 1, everywhere: bool = False) -> Mesh:
     return Mesh(np.concatenate(chosen), (DATA,))
 
 
-def pick_devices(asked: int | None, batch: int, processes: int = 1) -> int:
+def pick_devices(asked: int | None, batch: int | None, processes: int = 1) -> int:
     """How many of its devices a process gives: as many as asked for, else the most that fit.
+
+    Args:
+        batch: what they are to have equal parts of; None where parts need not be equal.
 
     Raises:
         UserError: where there are not so many, or the batch cannot be cut into equal parts.
     """
     there = len(jax.local_devices())
+    batch = math.lcm(*range(1, there + 1)) * processes if batch is None else batch
     if asked is None:
         asked = max((n for n in range(1, there + 1) if batch % (n * processes) == 0), default=1)
     if not 1 <= asked <= there:
