@@ -30,6 +30,7 @@ TOP = {
     "train_sweep",
     "sweeping",
     "sweep_report",
+    "gym",
     "following",
 }
 BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
