@@ -45,6 +45,7 @@ from jaxpack.packing.first_fit import pack as pack
 from jaxpack.packing.table import Table as Table
 from jaxpack.solution import Solution as Solution
 from jaxpack.solution import solve as solve
+from jaxpack.training import train_policy as train_policy
 from jaxpack.xla.devices import use_all_cores as use_all_cores
 from jaxpack.xla.programs import tune_for_cpu as tune_for_cpu
 

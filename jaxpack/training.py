@@ -3,8 +3,11 @@
 import math
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import jax
@@ -12,23 +15,36 @@ import jax.numpy as jnp
 from jax import Array
 from jax.sharding import Mesh
 
+from jaxpack.errors import UserError
 from jaxpack.io.runs import (
     Checkpoints,
     RunConfig,
     Snapshot,
     append_line,
     best_of_state,
+    create_run,
     first_snapshot,
+    lock_run,
+    read_policy,
+    read_run,
     rewind_lines,
     starting_params,
 )
 from jaxpack.learning.parameters import Params
-from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import ChunkMetrics, train_chunk, validation_set
 from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.first_fit import pack
-from jaxpack.xla.devices import PART, WHOLE, anywhere, data_mesh, is_first, split_batch
+from jaxpack.xla.devices import (
+    PART,
+    WHOLE,
+    anywhere,
+    data_mesh,
+    is_first,
+    pick_devices,
+    split_batch,
+)
 
 VALIDATION_BATCH = 500  # instances decoded side by side
 
@@ -108,6 +124,52 @@ def train_run(
             break
     if checkpoints:
         checkpoints.close()
+
+
+def train_policy(
+    recipe: TrainConfig,
+    run: str | PathLike[str],
+    seed: int = 0,
+    log: Callable[[dict[str, Any]], object] = lambda record: None,
+    chunk: int = 20,
+    checkpoint_every: int = 100,
+    devices: int = 1,
+) -> Policy:
+    """Trains a policy in a run folder: a new one, or one of this recipe and seed that goes on.
+
+    Args:
+        recipe: what is learned and how, such as `preset` gives.
+        run: the folder. Every record is a JSON line of its metrics.jsonl too.
+        seed: gives the weights, the data, the shuffles and the samples.
+        log: called with every record, a dict of plain numbers: `update`, `epoch` and, after a chunk
+            of updates, means of the orders drawn, losses, seconds; after a validation a dict
+            `validation` of the greedy policy's means. If it returns something true, the training
+            ends with a checkpoint.
+        chunk: updates per record, at most.
+        checkpoint_every: updates between validations, each with a checkpoint, at least.
+        devices: how many share each batch; they have to divide it.
+
+    Returns:
+        The policy with the lowest cost on the validation set so far.
+
+    Raises:
+        DivergedError: when a number is not finite; the last checkpoint is from before.
+        UserError: where the run is of another recipe, is damaged or being trained, or cannot be
+            written.
+    """
+    path = Path(run)
+    config = RunConfig("", seed, recipe, chunk, checkpoint_every)
+    mesh = data_mesh(pick_devices(devices, recipe.batch))
+    if not path.exists():
+        create_run(path, config)
+    elif replace(read_run(path), preset="") != config:
+        raise UserError(f"{path}: exists already and is of another recipe or seed; name another")
+    asked = Event()
+    with lock_run(path):
+        for record in train_run(path, config, asked.is_set, mesh):
+            if log(record):
+                asked.set()
+    return read_policy(path)
 
 
 def figures_of(metrics: ChunkMetrics) -> dict[str, float]:

@@ -111,6 +111,7 @@ def test_so_is_one_with_other_weights_in_its_loss(tmp_path):
     assert_same(end_of(members[1].run, members[1].config), alone)
 
 
+@pytest.mark.slow
 def test_weights_of_the_cost_are_traced_too(tmp_path):
     """XLA may round what it multiplies by a constant otherwise: to a tolerance."""
     listed = grid(AWARE, (4,), alpha=(0.3, 1.0), beta=(0.0, 0.2))
@@ -123,6 +124,7 @@ def test_weights_of_the_cost_are_traced_too(tmp_path):
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_side_by_side_members_learn_the_same():
     config = replace(TINY, entropy=0.01)
     seeds, rates = jnp.arange(3), jnp.asarray([5e-4, 2e-3, 1e-2])
@@ -206,6 +208,7 @@ def test_one_that_diverges_stops_no_other(sweep, tmp_path):
         train_all(alone)
 
 
+@pytest.mark.slow
 def test_members_are_shared_by_devices(tmp_path):
     code = (
         "import sys; from pathlib import Path\n"
