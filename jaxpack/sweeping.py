@@ -23,7 +23,6 @@ from jaxpack.learning.trainer import ChunkMetrics, TrainState
 from jaxpack.training import (
     DivergedError,
     chunk_length,
-    diverged,
     figures_of,
     validation_means,
     validations,
@@ -106,20 +105,28 @@ def train_sweep(
         the records of all members of a group, as they are added to their metrics.jsonl.
 
     Raises:
-        DivergedError: when no member of a group is left.
+        DivergedError: where no member comes to its end.
         UserError: where a folder cannot be written.
     """
+    finished = 0
     for group in groups:
+        left = len(group.members)
         if group.updates:
-            stopped = yield from _train_group(group, stop, devices)
+            stopped, left = yield from _train_group(group, stop, devices)
             if stopped:
                 return
+        finished += left
+    if not finished:
+        raise DivergedError(
+            "every run diverged: a loss, gradient or weight is not a number; train again with a "
+            "lower --learning-rate"
+        )
 
 
 def _train_group(
     group: Group, stop: Callable[[], bool], devices: int
-) -> Generator[Records, None, bool]:
-    """Whether it was stopped."""
+) -> Generator[Records, None, tuple[bool, int]]:
+    """(whether it was stopped, how many members have not diverged)."""
     config, members = group.config, group.members
     length, every = chunk_length(members[0].config), validations(members[0].config)
     mesh = data_mesh(min(devices, len(members)))
@@ -127,7 +134,7 @@ def _train_group(
     for member in members:
         rewind_lines(member.run, group.update)
     checkpoints = [Checkpoints(member.run) for member in members]
-    update, saved, start = group.update, group.update, time.perf_counter()
+    update, start = group.update, time.perf_counter()
     left, stopping = dict(enumerate(members)), False
     while update < config.updates and left:
         began = time.perf_counter()
@@ -136,9 +143,7 @@ def _train_group(
         now = time.perf_counter()
         update += length
         for row in [row for row in left if metrics.finite[row] != 1]:
-            lost = left.pop(row)
-            if not left:
-                raise DivergedError(diverged(lost.run, update - length, update, saved))
+            del left[row]
         place = {"update": update, "epoch": math.ceil(update / config.updates_per_epoch)}
         speed = {"updates_per_second": length / (now - began), "seconds": now - start}
         figures = {row: figures_of(jax.tree.map(itemgetter(row), metrics)) for row in left}
@@ -153,12 +158,11 @@ def _train_group(
         if due or stopping:
             for row in left:
                 checkpoints[row].save(_row(Snapshot(states, best), row))
-            saved = update
         if stopping:
             break
     for one in checkpoints:
         one.close()
-    return stopping
+    return stopping, len(left)
 
 
 def _start(group: Group, mesh: Mesh) -> tuple[TrainState, Best, dict[str, Array]]:

@@ -104,7 +104,7 @@ def train_run(
         began = time.perf_counter()
         state, metrics = train_chunk(train, state, length, mesh)
         if metrics.finite != 1:
-            raise DivergedError(diverged(run, update, update + length, saved))
+            raise DivergedError(_diverged(run, update, update + length, saved))
         now = time.perf_counter()
         update += length
         place = {"update": update, "epoch": math.ceil(update / train.updates_per_epoch)}
@@ -234,8 +234,7 @@ def validation_means(
 _validation_means = partial(jax.jit, static_argnames=("config", "mesh"))(validation_means)
 
 
-def diverged(run: Path, first: int, last: int, saved: int) -> str:
-    """What is said of a run that diverged between two updates, saved at one before."""
+def _diverged(run: Path, first: int, last: int, saved: int) -> str:
     kept = f"the checkpoint of update {saved} in {run} is kept" if saved else "no checkpoint yet"
     return (
         f"training diverged between updates {first} and {last}: a loss, gradient or weight is not "
