@@ -33,7 +33,6 @@ from jaxpack.packing.selfcheck import check_device
 from jaxpack.search.protocol import lying, pack_orders
 from jaxpack.tables import print_table, write_table
 from jaxpack.train_options import Planned, TrainOptions, check_resume, new_path, plan_runs
-from jaxpack.train_sweep import run_sweep
 from jaxpack.training import DivergedError, train_run
 from jaxpack.xla.devices import (
     anywhere,
@@ -147,6 +146,8 @@ def main(argv: Sequence[str]) -> None:
     planned = plan_runs(options) if options.resume is None else []
     console = Console(quiet=not is_first())
     if len(planned) > 1 or (options.resume and is_sweep(options.resume)):
+        from jaxpack.train_sweep import run_sweep  # what draws, that a run has at its end
+
         run_sweep(options, planned, console)
         return
     run, config, mesh = start_or_resume(options, planned)
