@@ -73,7 +73,8 @@ def follow(
             member, record = records[0]
             if "validation" in record:
                 figures = _figures([record["validation"] for _, record in records])
-                console.print(f"update {record['update']}, greedy, validation: {figures}")
+                text = f"update {record['update']}, greedy, validation: {figures}"
+                console.print(text, soft_wrap=True)
             else:
                 speed = f"{record['updates_per_second'] * len(records):.1f}/s"
                 text = f"{speed} {_figures([record for _, record in records])}"
