@@ -167,7 +167,7 @@ def setting_table(rows: Sequence[SettingRow]) -> Table:
 
 
 def _curves(members: Sequence[Member], figure: Any) -> dict[str, Curve]:
-    """By setting, over the updates that all its runs have."""
+    """By setting."""
     curves = {}
     for setting in dict.fromkeys(member.setting for member in members):
         runs = [
@@ -175,7 +175,7 @@ def _curves(members: Sequence[Member], figure: Any) -> dict[str, Curve]:
             for member in members
             if member.setting == setting
         ]
-        common = sorted(set.intersection(*map(set, runs)))
-        values = np.asarray([[run[update] for update in common] for run in runs])
-        curves[setting] = (np.asarray(common), values)
+        updates = sorted(set().union(*runs))
+        values = [[run.get(update, np.nan) for update in updates] for run in runs]
+        curves[setting] = (np.asarray(updates), np.asarray(values, float))
     return curves

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from jaxpack.io.atomic import replace_file
 
 Curve = tuple[np.ndarray, np.ndarray]
-"""Updates [T], and a figure of every run at each of them [runs, T]."""
+"""Updates [T], and a figure of every run at each of them [runs, T], NaN where it has diverged."""
 
 
 def draw_curves(path: Path, panels: Mapping[str, Mapping[str, Curve]]) -> None:
@@ -26,11 +26,16 @@ def draw_curves(path: Path, panels: Mapping[str, Mapping[str, Curve]]) -> None:
         for number, (setting, (updates, values)) in enumerate(curves.items()):
             colour = colours[number % len(colours)]
             dashes = ("-", "--", ":", "-.")[number // len(colours) % 4]
-            axis.fill_between(
-                updates, values.min(0), values.max(0), color=colour, alpha=0.2, linewidth=0
-            )
+            low, high = np.nanmin(values, 0), np.nanmax(values, 0)
+            axis.fill_between(updates, low, high, color=colour, alpha=0.2, linewidth=0)
+            axis.vlines(updates, low, high, color=colour, alpha=0.4)  # where there is one update
             axis.plot(
-                updates, values.mean(0), dashes, color=colour, marker=".", label=setting or "runs"
+                updates,
+                np.nanmean(values, 0),
+                dashes,
+                color=colour,
+                marker=".",
+                label=setting or "runs",
             )
         axis.set(title=title, xlabel="updates")
     axis.legend(fontsize=8)
