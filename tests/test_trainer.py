@@ -16,6 +16,7 @@ from jaxpack.learning import trainer
 from jaxpack.learning.losses import Outcome
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import PRESETS, preset
+from jaxpack.learning.shuffle import shuffled
 from jaxpack.learning.trainer import (
     ChunkMetrics,
     init_state,
@@ -114,12 +115,29 @@ def test_updates_take_turns_over_bins_and_distributions():
     assert config_from_dict(TrainConfig, json.loads(json.dumps(config_to_dict(config)))) == config
     start = init_state(config, jax.random.key(0))
     both, _ = train_chunk(config, jax.tree.map(jnp.copy, start), 2)
-    shuffled = jax.random.permutation(jax.random.fold_in(jax.random.fold_in(start.key, 4), 0), 64)
+    key = jax.random.fold_in(jax.random.fold_in(start.key, 4), 0)
+    whole = shuffled(key, jnp.arange(64), 64)
     state = start
-    for turn, rows in ((own, shuffled[:16]), (other, shuffled[16:32])):
+    for turn, rows in ((own, whole[:16]), (other, whole[16:32])):
         instances = training_instances(turn, state.key, rows)
         state, _ = jax.jit(train_step, static_argnums=0)(turn, state, instances)
     assert_close(both.params, state.params)
+
+
+def test_a_shuffle_has_every_number_once_and_everywhere_as_often():
+    for count in (1, 2, 3, 5, 64, 1000, 4097):
+        whole = np.asarray(shuffled(jax.random.key(count), jnp.arange(count), count))
+        np.testing.assert_array_equal(np.sort(whole), np.arange(count))
+        some = jnp.arange(count - 1, -1, -3)
+        np.testing.assert_array_equal(shuffled(jax.random.key(count), some, count), whole[some])
+    many = jax.vmap(lambda key: shuffled(key, jnp.arange(5), 5))
+    drawn = np.asarray(jax.jit(many)(jax.random.split(jax.random.key(0), 24_000)))
+    for place in range(5):
+        often = np.bincount(drawn[:, place], minlength=5)
+        np.testing.assert_allclose(often / 24_000, 0.2, atol=0.015)
+    orders = np.unique(drawn, axis=0, return_counts=True)[1]
+    assert len(orders) == 120
+    assert orders.max() < 2 * orders.min(), "not every shuffle is as likely: 200 of each expected"
 
 
 def test_sets_differ_and_are_fixed_by_the_key():

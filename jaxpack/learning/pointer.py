@@ -77,6 +77,6 @@ class PointerConfig:
         self, config: "TrainConfig", params: Params, instances: Instance, keys: Array
     ) -> tuple[Params, Outcome]:
         """Of Eq. (10)."""
-        from jaxpack.learning.pointer_network import pointer_gradient
+        from jaxpack.learning.pointer_gradient import pointer_gradient
 
         return pointer_gradient(config, self, params, instances, keys)

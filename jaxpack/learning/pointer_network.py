@@ -1,4 +1,4 @@
-"""The pointer network: its layers, how it decodes an order, and its gradient.
+"""The pointer network: its layers, and how it decodes an order.
 
 Section II.B of the paper: a Conv1d encoder of width 1 (every item passes through the same
 weights), a GRU decoder fed with the size of the item chosen last, additive attention (Eq. 6) and
@@ -15,14 +15,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxpack.learning.losses import Outcome, actor_critic_losses, judge, leave_one_out
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.first_fit import pack
 
 if TYPE_CHECKING:
     from jaxpack.learning.pointer import PointerConfig
-    from jaxpack.learning.recipe import TrainConfig
 
 
 class PointerNetwork(nn.Module):
@@ -166,13 +163,11 @@ def _decode(
     items = instance.mask.shape[0]
     features = features_of(problem, config, instance)
     keys = network.keys(features)
-    # Recomputing the attention in the backward pass beats storing [N, N, D] numbers threefold.
-    attend = jax.checkpoint(network.attend)
 
     def step(carry: tuple[Array, Array, Array], index: Array) -> tuple[tuple, tuple]:
         state, last, waiting = carry
         state = network.advance(state, last)
-        scores = attend(state, keys)
+        scores = network.attend(state, keys)
         # Padding waits until no item does: a floor below every score, above the chosen ones.
         open_items = waiting & instance.mask
         some = open_items.any()
@@ -191,37 +186,3 @@ def _decode(
         log_prob=log_probs.sum(),
         entropy=entropies.sum() / instance.mask.sum(),
     )
-
-
-def pointer_gradient(
-    config: "TrainConfig",
-    network: "PointerConfig",
-    params: Params,
-    instances: Instance,
-    keys: Array,
-) -> tuple[Params, Outcome]:
-    """Sampling and loss in one differentiable pass, Eq. (10). `keys`: [B, S]."""
-
-    def loss(params: Params) -> tuple[Array, Outcome]:
-        def outcome(instance: Instance, key: Array) -> tuple:
-            rollout = sample_order(config.problem, network, params, instance, key)
-            packing = pack(config.problem, instance, rollout.order)
-            return rollout, judge(config, instance, packing)
-
-        def value(instance: Instance) -> Array:
-            return apply_value(config.problem, network, params, instance)
-
-        rollout, (cost, *measures) = jax.vmap(jax.vmap(outcome, (None, 0)))(instances, keys)
-        if config.learner == "critic":
-            baseline = jax.vmap(value)(instances)[:, None]
-        else:
-            baseline = cost - leave_one_out(cost)
-        losses = actor_critic_losses(rollout.log_prob, cost, baseline)
-        total = losses.actor + losses.critic
-        if not config.lacks("entropy"):
-            total -= config.entropy * (rollout.entropy.mean(1) * instances.mask.sum(1)).mean()
-        means = [x.mean() for x in (cost, *measures)]
-        entropy = rollout.entropy.mean()
-        return total, Outcome._make([*means, losses.actor, losses.critic, entropy])
-
-    return jax.grad(loss, has_aux=True)(params)

@@ -18,6 +18,7 @@ from jax.typing import ArrayLike
 from jaxpack.learning.losses import Outcome
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import TrainConfig
+from jaxpack.learning.shuffle import shuffled
 from jaxpack.model.instances import sample_at
 from jaxpack.model.problem import Instance
 from jaxpack.xla.devices import PART, WHOLE, mean_over_batch
@@ -122,7 +123,6 @@ def train_updates(
     """
     epoch, done = jnp.divmod(state.update, config.updates_per_epoch)
     shuffle_key = jax.random.fold_in(jax.random.fold_in(state.key, 4), epoch)
-    shuffled = jax.random.permutation(shuffle_key, config.train_instances)
 
     def take(turn: TrainConfig, state: TrainState, rows: Array) -> tuple[TrainState, ChunkMetrics]:
         return train_step(turn, state, training_instances(turn, state.key, rows), mesh)
@@ -130,8 +130,8 @@ def train_updates(
     turns = [partial(take, turn.traced(numbers or {})) for turn in config.turns]
 
     def update(state: TrainState, step: Array) -> tuple[TrainState, ChunkMetrics]:
-        first = (done + step) * config.batch
-        rows = jax.lax.dynamic_slice_in_dim(shuffled, first, config.batch)
+        places = (done + step) * config.batch + jnp.arange(config.batch)
+        rows = shuffled(shuffle_key, places, config.train_instances)
         return jax.lax.switch(state.update % len(turns), turns, state, rows)
 
     state, metrics = jax.lax.scan(update, state, jnp.arange(updates))
