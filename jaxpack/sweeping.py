@@ -150,7 +150,7 @@ def _train_group(
         yield _log(left, {row: place | figures[row] | speed for row in left})
         stopping, due = stop(), update % every == 0 or update == config.updates
         if due:
-            means = _validate(config, states.params, states.key, numbers, mesh)
+            means = _validate(config, states.kept, states.key, numbers, mesh)
             best = _better(best, states, means["cost"])
             values = jax.device_get(means)
             validation = {row: {k: float(v[row]) for k, v in values.items()} for row in left}
@@ -176,7 +176,7 @@ def _start(group: Group, mesh: Mesh) -> tuple[TrainState, Best, dict[str, Array]
         params = starting_params(configs[0])
         states = init_members(group.config, jnp.asarray(seeds), jnp.asarray(rates), params)
         nothing = jnp.full(count, jnp.inf, jnp.float32)
-        best = Best(jax.tree.map(jnp.copy, states.params), nothing, jnp.copy(states.update))
+        best = Best(jax.tree.map(jnp.copy, states.kept), nothing, jnp.copy(states.update))
     else:
         snapshots = [snapshot for snapshot in group.snapshots if snapshot]
         states, best = jax.tree.map(lambda *leaves: jnp.stack(leaves), *snapshots)
@@ -202,7 +202,7 @@ def _validate(
 @jax.jit
 def _better(best: Best, states: TrainState, cost: Array) -> Best:
     """The policies with the lower costs, in memory of their own: the states' is donated."""
-    found = Best(states.params, cost, states.update)
+    found = Best(states.kept, cost, states.update)
     lower = cost < best.cost
 
     def chosen(new: Array, old: Array) -> Array:

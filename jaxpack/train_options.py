@@ -30,8 +30,9 @@ WHOLE = (
     "epochs",
     "samples",
     "hidden",
+    "halves",
 )
-REAL = ("learning_rate", "entropy", "clip", "alpha", "beta")
+REAL = ("learning_rate", "average", "entropy", "clip", "loss_steps", "alpha", "beta")
 """The options that are numbers, or lists of them."""
 OTHERS = ("items", "bin", "hidden")  # of these, what a recipe has elsewhere
 
@@ -81,7 +82,11 @@ class TrainOptions:
     epochs: str | None = None
     """Passes over the training set."""
     learning_rate: str | None = None
-    """Of Adam, at the start."""
+    """At the start."""
+    optimizer: str | None = None
+    """adam or muon."""
+    average: str | None = None
+    """Decay per update of a mean of the weights, which is what is kept; 0 keeps the weights."""
     schedule: str | None = None
     """Of the rate: constant, or cosine (down to zero)."""
     objective: str | None = None
@@ -94,6 +99,10 @@ class TrainOptions:
     """Weight of the choices' entropy in the loss."""
     clip: str | None = None
     """Largest norm of a gradient, 0 for any."""
+    loss_steps: str | None = None
+    """Share of the steps of an order, drawn at random, that enter the loss: bin-aware only."""
+    halves: str | None = None
+    """Updates with half of the items for each one with all of them."""
     alpha: str | None = None
     """Weight of compactness in the cost."""
     beta: str | None = None
@@ -186,17 +195,16 @@ def make_recipe(
     """
     recipe = preset(options.preset)
     given = {name: number for name, number in numbers.items() if name not in OTHERS}
-    for name in ("schedule", "objective", "learner"):
+    for name in ("optimizer", "schedule", "objective", "learner"):
         if getattr(options, name) is not None:
             given[name] = getattr(options, name)
     policy = recipe.policy
     if "hidden" in numbers:
         policy = replace(policy, hidden=numbers["hidden"])
     problem, distribution = make_distribution(options, recipe, numbers, orders)
-    others = recipe.others if options.orders is None else ()
-    return replace(
-        recipe, problem=problem, distribution=distribution, policy=policy, others=others, **given
-    )
+    if orders:
+        recipe = replace(recipe, halves=0, others=())
+    return replace(recipe, problem=problem, distribution=distribution, policy=policy, **given)
 
 
 def make_distribution(

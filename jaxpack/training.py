@@ -112,7 +112,7 @@ def train_run(
         yield _log(run, place | figures_of(metrics) | speed)
         stopping, due = anywhere(stop()), update % every == 0 or update == train.updates
         if due:
-            means = validate_policy(train, state.params, state.key, mesh)
+            means = validate_policy(train, state.kept, state.key, mesh)
             yield _log(run, place | {"validation": means})
             if means["cost"] < best.cost:
                 best = best_of_state(state, means["cost"])

@@ -12,6 +12,7 @@ import pytest
 from cases import packer, random_cases
 
 from jaxpack import Distribution, Problem, TrainConfig, UserError
+from jaxpack.learning import rollout
 from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.learning.bin_network import init_network, look, scores
 from jaxpack.learning.presets import PAPER_2D, PAPER_3D
@@ -265,9 +266,12 @@ TINY = TrainConfig(
 )
 
 
-@pytest.mark.parametrize("learner", ["leave-one-out", "leave-one-out-by-bin"])
-def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner):
-    config = replace(TINY, learner=learner, beta=0.0)
+@pytest.mark.parametrize(
+    ("learner", "loss_steps"),
+    [("leave-one-out", 1.0), ("leave-one-out-by-bin", 1.0), ("leave-one-out-by-bin", 1 / 3)],
+)
+def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps):
+    config = replace(TINY, learner=learner, beta=0.0, loss_steps=loss_steps)
     problem, network = config.problem, config.policy
     params = init_network(network, problem, jax.random.key(1))
     params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
@@ -305,11 +309,41 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner):
     assert len(set(np.asarray(costs)[np.asarray(chances) > 0].tolist())) > 1
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (config.batch, *leaf.shape)), one)
     sampled = jax.jit(partial(policy_gradient, config))
-    estimates = [sampled(params, many, jax.random.key(seed))[0] for seed in range(4)]
+    seeds = 4 if loss_steps == 1 else 36  # a third of the steps tells less
+    estimates = [sampled(params, many, jax.random.key(seed))[0] for seed in range(seeds)]
     for name, truth in exact.items():
         estimate = np.mean([np.asarray(e[name]) for e in estimates], 0)
         scale = np.abs(np.asarray(truth)).max()
         np.testing.assert_allclose(estimate, truth, atol=0.06 * scale + 2e-4, err_msg=name)
+
+
+@pytest.mark.parametrize("learner", ["leave-one-out", "leave-one-out-by-bin", "self-label"])
+def test_the_mean_over_all_steps_that_may_be_drawn_is_the_whole_gradient(learner, monkeypatch):
+    config = replace(TINY, learner=learner, entropy=0.3, batch=16, train_instances=16)
+    params = init_network(config.policy, config.problem, jax.random.key(1))
+    params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
+    instances = sample(config.problem, config.distribution, jax.random.key(3), config.batch)
+
+    def gradient_of(config, steps):
+        monkeypatch.setattr(rollout, "draw_steps", lambda *_: jnp.asarray(steps))
+        return jax.jit(partial(policy_gradient, config))(params, instances, jax.random.key(4))
+
+    whole, outcome = gradient_of(config, (0, 1, 2))
+    for share, draws in ((1 / 3, ((0,), (1,), (2,))), (2 / 3, ((0, 1), (0, 2), (1, 2)))):
+        found = [gradient_of(replace(config, loss_steps=share), steps) for steps in draws]
+        mean = jax.tree.map(lambda *leaves: sum(leaves) / len(leaves), *found)
+        chex.assert_trees_all_close(mean, (whole, outcome), rtol=1e-4, atol=1e-6)
+        assert not np.allclose(found[0][0]["deep"], whole["deep"], rtol=0.1)
+
+
+def test_every_step_is_as_likely_to_be_drawn_as_any_other():
+    for share, count in ((0.25, 2), (0.5, 4), (0.01, 1), (1.0, 8)):
+        draw = jax.vmap(lambda key, share=share: rollout.draw_steps(key, 8, share))
+        drawn = np.asarray(draw(jax.random.split(jax.random.key(0), 4000)))
+        assert drawn.shape == (4000, count)
+        assert (np.diff(drawn) > 0).all()
+        often = np.bincount(drawn.ravel(), minlength=8) / 4000
+        np.testing.assert_allclose(often, count / 8, atol=0.04)
 
 
 @pytest.mark.parametrize(
@@ -345,6 +379,8 @@ def test_recipes_that_do_not_go_together_are_refused():
         ({"schedule": "steps"}, "choose constant or cosine"),
         ({"objective": "speed"}, "choose bins or paper"),
         ({"entropy": -1.0}, "give 0 or more"),
+        ({"loss_steps": 0.0}, "give a share, above 0 and up to 1"),
+        ({"loss_steps": 1.5}, "give a share, above 0 and up to 1"),
         (
             {"learner": "leave-one-out-by-bin", "objective": "paper"},
             "choose leave-one-out or self-label, those that the bin-aware network has",

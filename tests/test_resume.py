@@ -123,6 +123,34 @@ def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted,
     assert_same_run(run, uninterrupted)
 
 
+def test_a_run_with_a_mean_of_its_weights_goes_on_with_the_same_bits(tmp_path):
+    recipe = replace(TINY, optimizer="muon", average=0.9, epochs=1)
+    config = replace(CONFIG, train=recipe)
+    for name, answers in (("whole", ()), ("stopped", (False, True))):
+        create_run(tmp_path / name, config)
+        stop = iter(answers)
+        records = list(train_run(tmp_path / name, config, lambda stop=stop: next(stop, False)))
+    assert records[-1]["update"] == 8
+    list(train_run(tmp_path / "stopped", read_run(tmp_path / "stopped")))
+    snapshots = []
+    for name in ("whole", "stopped"):
+        checkpoints = Checkpoints(tmp_path / name)
+        snapshots.append(checkpoints.restore(config))
+        checkpoints.close()
+    whole, stopped = (jax.tree.leaves((s.state[:2], s.state.average, s.best)) for s in snapshots)
+    for ours, theirs in zip(whole, stopped, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert without_times(tmp_path / "whole") == without_times(tmp_path / "stopped")
+    # What was validated, and is kept, is the mean.
+    state, best = snapshots[0]
+    again = validate_policy(recipe, state.average, jax.random.key(CONFIG.seed))
+    last = [line["validation"] for line in read_lines(tmp_path / "whole") if "validation" in line]
+    assert again == last[-1]
+    assert int(best.update) in (8, 16, 20)
+    kept = validate_policy(recipe, best.params, jax.random.key(CONFIG.seed))
+    assert kept == min(last, key=lambda figures: figures["cost"])
+
+
 def test_a_full_disk_is_one_error_and_loses_nothing(uninterrupted, tmp_path):
     run = tmp_path / "full"
     create_run(run, CONFIG)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from cases import TINY
 
@@ -16,6 +17,7 @@ from jaxpack.learning import trainer
 from jaxpack.learning.losses import Outcome
 from jaxpack.learning.pointer import PointerConfig
 from jaxpack.learning.presets import PRESETS, preset
+from jaxpack.learning.recipe import OPTIMIZERS
 from jaxpack.learning.shuffle import shuffled
 from jaxpack.learning.trainer import (
     ChunkMetrics,
@@ -124,6 +126,42 @@ def test_updates_take_turns_over_bins_and_distributions():
     assert_close(both.params, state.params)
 
 
+def test_the_mean_of_the_weights_is_over_all_updates_first_and_then_over_the_last():
+    config = replace(SMALL, average=0.3)
+    state = init_state(config, jax.random.key(0))
+    update = jax.jit(train_step, static_argnums=0)
+    mean = state.params
+    for done, decay in enumerate((1 / 10, 2 / 11, 3 / 12, 0.3, 0.3)):
+        instances = training_instances(config, state.key, 16 * (done % 4) + jnp.arange(16))
+        state, _ = update(config, state, instances)
+        mean = jax.tree.map(lambda m, p, d=decay: d * m + (1 - d) * p, mean, state.params)
+        assert_close(state.kept, mean)
+    plain = init_state(SMALL, jax.random.key(0))
+    assert plain.average is None
+    assert plain.kept is plain.params
+
+
+@pytest.mark.parametrize("optimizer", OPTIMIZERS)
+def test_every_optimizer_lowers_the_cost_with_steps_of_the_same_length(optimizer):
+    config = replace(
+        SMALL,
+        optimizer=optimizer,
+        learner="leave-one-out",
+        samples=4,
+        learning_rate=1e-2,
+        train_instances=480,
+    )
+    state = init_state(config, jax.random.key(0))
+    before = state.params
+    state, first = train_chunk(config, jax.tree.map(jnp.copy, state), 15)
+    moved = optax.tree.norm(jax.tree.map(lambda a, b: a - b, state.params, before))
+    assert 0.2 < moved < 4
+    state, _ = train_chunk(config, state, 15)
+    state, last = train_chunk(config, state, 15)
+    assert last.finite == 1
+    assert last.outcome.cost < 0.985 * first.outcome.cost
+
+
 def test_a_shuffle_has_every_number_once_and_everywhere_as_often():
     for count in (1, 2, 3, 5, 64, 1000, 4097):
         whole = np.asarray(shuffled(jax.random.key(count), jnp.arange(count), count))
@@ -138,6 +176,26 @@ def test_a_shuffle_has_every_number_once_and_everywhere_as_often():
     orders = np.unique(drawn, axis=0, return_counts=True)[1]
     assert len(orders) == 120
     assert orders.max() < 2 * orders.min(), "not every shuffle is as likely: 200 of each expected"
+
+
+def test_some_turns_have_half_of_the_items():
+    config = replace(SMALL, halves=2, others=(Cell((5, 5, 5), Distribution(6, 1, 3)),))
+    sizes = [turn.distribution.items for turn in config.turns]
+    assert sizes == [8, 4, 4, 6]
+    assert config.turns[1] == replace(SMALL, distribution=replace(SMALL.distribution, items=4))
+    assert replace(SMALL, distribution=Distribution(5, 1, 4), halves=1).turns[1] == replace(
+        SMALL, distribution=Distribution(3, 1, 4)
+    )
+    start = init_state(replace(SMALL, halves=1), jax.random.key(0))
+    key = jax.random.fold_in(jax.random.fold_in(start.key, 4), 0)
+    rows = shuffled(key, jnp.arange(64), 64)
+    half = replace(SMALL, distribution=replace(SMALL.distribution, items=4))
+    state = start
+    for at, turn in enumerate((SMALL, half, SMALL)):
+        instances = training_instances(turn, state.key, rows[16 * at : 16 * (at + 1)])
+        state, _ = jax.jit(train_step, static_argnums=0)(turn, state, instances)
+    found, _ = train_chunk(replace(SMALL, halves=1), jax.tree.map(jnp.copy, start), 3)
+    assert_close(found.params, state.params)
 
 
 def test_sets_differ_and_are_fixed_by_the_key():
@@ -189,6 +247,10 @@ def test_bad_recipes_are_refused():
         ({"batch": 100, "train_instances": 10}, "larger than train_instances"),
         ({"learning_rate": 0.0}, "learning_rate 0.0"),
         ({"distribution": Distribution(8, 1, 7)}, "larger than the bin"),
+        ({"halves": -1}, "halves -1: give at least 0"),
+        ({"optimizer": "luck"}, "optimizer 'luck': choose adam or muon"),
+        ({"average": 1.0}, "average 1.0: give a decay, 0 or more and below 1"),
+        ({"loss_steps": 0.5}, "loss_steps 0.5: give 1, the pointer network learns from whole"),
     ):
         with pytest.raises(UserError, match=message):
             TrainConfig(**(common | wrong))

@@ -98,8 +98,7 @@ def first_snapshot(
     """
 
     def init(seed: ArrayLike, params: Params | None) -> TrainState:
-        state = init_state(config.train, jax.random.key(seed))
-        return state if params is None else state._replace(params=params)
+        return init_state(config.train, jax.random.key(seed), params=params)
 
     state = jax.jit(init, out_shardings=on_all(mesh or data_mesh()))(config.seed, params)
     return Snapshot(state, best_of_state(state, jnp.inf))
@@ -108,7 +107,7 @@ def first_snapshot(
 @jax.jit
 def best_of_state(state: TrainState, cost: ArrayLike) -> Best:
     """The state's policy as the best one, in memory of its own: the state's is donated."""
-    params = jax.tree.map(jnp.copy, state.params)
+    params = jax.tree.map(jnp.copy, state.kept)
     return Best(params, jnp.float32(cost), jnp.copy(state.update))
 
 

@@ -24,6 +24,7 @@ class BinAwareConfig:
     temperature: float = 1.0  # of the samples that a search draws; training draws at 1
     name: str = field(default="bin-aware", init=False)
     searches: ClassVar[tuple[str, ...]] = ("best-of-N", "beam-N", "search")
+    step_by_step: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.sees not in SEES:

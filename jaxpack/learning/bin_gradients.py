@@ -43,7 +43,13 @@ def bin_aware_gradient(
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
         (orders, turns), trace = trace_choices(
-            network, view_of(config.problem), params, repeated, keys, config.kinds
+            network,
+            view_of(config.problem),
+            params,
+            repeated,
+            keys,
+            config.kinds,
+            config.loss_steps,
         )
         repeated = jax.vmap(in_orientation)(repeated, turns)
         packings = jax.vmap(partial(pack, config.problem))(repeated, orders)
@@ -81,16 +87,17 @@ def _best_of_each(trace: list[Trace], cost: Array) -> tuple[list[Trace], Array]:
     lanes = jnp.arange(piece) * samples + jnp.argmin(cost, 1)
     told_apart = (cost.max(1) > cost.min(1)) * 1.0
     labels = [
-        Trace(
-            Sight(
+        stretch._replace(
+            sight=Sight(
                 rows=sight.rows[:, :, lanes],
                 context=sight.context[:, lanes],
                 remaining=sight.remaining[:, :, lanes],
                 fits=sight.fits[:, :, lanes],
             ),
-            row[:, lanes],
+            row=stretch.row[:, lanes],
         )
-        for sight, row in trace
+        for stretch in trace
+        for sight in (stretch.sight,)
     ]
     return labels, -told_apart
 
@@ -125,6 +132,9 @@ def _trace_gradient(
 ) -> tuple[Params, Array, Array]:
     """Gradient of the mean over B of sum_t weight log P(choice), less the entropy bonus.
 
+    Of a share of the steps it is an estimate: its mean over the steps that could have been drawn is
+    what it would be with all of them.
+
     Args:
         weight: float32 [N, B], of every step and order.
 
@@ -133,8 +143,8 @@ def _trace_gradient(
     """
     lanes = weight.shape[1]
 
-    def loss(params: Params, step: tuple[Trace, Array]) -> tuple[Array, tuple[Array, Array]]:
-        (sight, row), weight = step
+    def loss(params: Params, step: tuple[Sight, Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        sight, row, weight = step
         log_probs = scores(network, params, sight)
         chosen = jnp.take_along_axis(log_probs, row[None], 0)[0]
         weighted = (weight * jnp.where(sight.fits.any(0), chosen, 0)).sum() / lanes
@@ -143,14 +153,13 @@ def _trace_gradient(
 
     step_gradient: Callable = jax.grad(loss, has_aux=True)
 
-    def add(total: tuple, step: tuple[Trace, Array]) -> tuple[tuple, None]:
+    def add(total: tuple, step: tuple[Sight, Array, Array]) -> tuple[tuple, None]:
         return jax.tree.map(jnp.add, total, step_gradient(params, step)), None
 
-    total = (jax.tree.map(jnp.zeros_like, params), (jnp.float32(0), jnp.float32(0)))
-    first = 0
-    for stretch in trace:
-        last = first + stretch.row.shape[0]
-        total, _ = jax.lax.scan(add, total, (stretch, weight[first:last]))
-        first = last
+    nothing = (jax.tree.map(jnp.zeros_like, params), (jnp.float32(0), jnp.float32(0)))
+    total = nothing
+    for sight, row, steps, each in trace:
+        found, _ = jax.lax.scan(add, nothing, (sight, row, weight[steps]))
+        total = jax.tree.map(lambda sum_, part, each=each: sum_ + each * part, total, found)
     gradient, (loss_sum, entropy) = total
     return gradient, loss_sum, entropy

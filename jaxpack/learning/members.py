@@ -53,8 +53,7 @@ def init_members(
     """
 
     def init(seed: Array, rate: Array) -> TrainState:
-        state = init_state(config, jax.random.key(seed), rate)
-        return state if params is None else state._replace(params=params)
+        return init_state(config, jax.random.key(seed), rate, params)
 
     return each_member(init, seeds, rates)
 

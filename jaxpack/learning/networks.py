@@ -25,6 +25,8 @@ class Network(Protocol):
     __dataclass_fields__: ClassVar[dict[str, Any]]
     searches: ClassVar[tuple[str, ...]]
     """Of best-of-N, beam-N and search: how it may be named as a method, its name before it."""
+    step_by_step: ClassVar[bool]
+    """Whether it can leave steps out of its loss, see `TrainConfig.loss_steps`."""
 
     @property
     def name(self) -> str:

@@ -32,6 +32,7 @@ class PointerConfig:
     input_scale: float = 4.0  # what a side as long as the bin's is to the network
     name: str = field(default="pointer", init=False)
     searches: ClassVar[tuple[str, ...]] = ()
+    step_by_step: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_counts(self, "hidden", "critic", most=1 << 16)

@@ -10,11 +10,17 @@ from jaxpack.errors import MOST, UserError, check_counts
 from jaxpack.learning.networks import Network
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.pointer import PointerConfig
-from jaxpack.model.instances import Cell, Source
+from jaxpack.model.instances import Cell, Distribution, Source
 from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Instance, Packing, Problem
 
 SCHEDULES = ("constant", "cosine")
+
+OPTIMIZERS = {
+    "adam": "Kingma and Ba 2015",
+    "muon": "Jordan et al. 2024, for matrices: all singular values alike; Adam for the rest",
+}
+"""What there is to turn gradients into steps."""
 
 LEARNERS = {
     "critic": "REINFORCE, what an order costs compared with what the critic expects",
@@ -45,7 +51,9 @@ class TrainConfig:
     valid_instances: int = 10_000  # of the fixed validation set
     batch: int = 50  # B, instances per update
     epochs: int = 5  # passes over the training set
-    learning_rate: float = 5e-4  # Adam, at the start
+    learning_rate: float = 5e-4  # at the start
+    optimizer: str = "adam"  # see OPTIMIZERS
+    average: float = 0.0  # decay per update of a mean of the weights, which is kept; 0: the weights
     schedule: str = "constant"  # of the rate: constant, or cosine down to zero
     objective: str = "paper"  # the cost: R of Eq. (9), or bins + alpha (1 - C) + beta (1 - P)
     alpha: float = 0.5  # weight of compactness
@@ -54,7 +62,11 @@ class TrainConfig:
     samples: int = 1  # S, orders drawn per instance
     entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
     clip: float = 0.0  # largest norm of a gradient; 0: any
-    others: tuple[Cell, ...] = ()  # updates take turns: the bin and distribution above, then these
+    loss_steps: float = 1.0  # share of an order's steps, drawn at random, that enter the loss
+    halves: int = (
+        0  # updates take turns: all items of the distribution, so many times half of them,
+    )
+    others: tuple[Cell, ...] = ()  # and one with each of these bins and distributions
 
     def __post_init__(self) -> None:
         self.distribution.check_fits(self.problem.bin)
@@ -71,9 +83,20 @@ class TrainConfig:
         for name in ("entropy", "clip"):
             if not getattr(self, name) >= 0:
                 raise UserError(f"{name} {getattr(self, name)}: give 0 or more")
+        if not 0 <= self.average < 1:
+            raise UserError(f"average {self.average}: give a decay, 0 or more and below 1")
+        if not 0 < self.loss_steps <= 1:
+            raise UserError(f"loss_steps {self.loss_steps}: give a share, above 0 and up to 1")
+        if self.loss_steps < 1 and not self.policy.step_by_step:
+            raise UserError(
+                f"loss_steps {self.loss_steps}: give 1, the {self.policy.name} network learns from "
+                "whole orders"
+            )
         grid_costs("objective", self.objective)
         if self.schedule not in SCHEDULES:
             raise UserError(f"schedule '{self.schedule}': choose {' or '.join(SCHEDULES)}")
+        if self.optimizer not in OPTIMIZERS:
+            raise UserError(f"optimizer '{self.optimizer}': choose {' or '.join(OPTIMIZERS)}")
         if self.learner not in (known := self.policy.learners(self.objective)):
             raise UserError(
                 f"learner '{self.learner}': choose {' or '.join(known)}, those that the "
@@ -81,6 +104,9 @@ class TrainConfig:
             )
         if self.learner != "critic" and self.samples < 2:
             raise UserError(f"learner '{self.learner}' compares samples: give samples 2 or more")
+        check_counts(self, "halves", least=0, most=1 << 10)
+        if self.halves and not isinstance(self.distribution, Distribution):
+            raise UserError(f"halves {self.halves}: give 0, orders of a file are packed whole")
         for cell in self.others:
             cell.distribution.check_fits(self.problem.resized(cell.bin, 1).bin)
 
@@ -97,14 +123,21 @@ class TrainConfig:
     @property
     def turns(self) -> tuple["TrainConfig", ...]:
         """The config of each turn: one bin and one distribution."""
-        own = replace(self, others=())
-        return own, *(
-            replace(
-                own,
-                problem=self.problem.resized(cell.bin, cell.distribution.high),
-                distribution=cell.distribution,
-            )
-            for cell in self.others
+        own = half = replace(self, halves=0, others=())
+        if isinstance(self.distribution, Distribution):
+            fewer = replace(self.distribution, items=-(-self.distribution.items // 2))
+            half = replace(own, distribution=fewer)
+        return (
+            own,
+            *(half,) * self.halves,
+            *(
+                replace(
+                    own,
+                    problem=self.problem.resized(cell.bin, cell.distribution.high),
+                    distribution=cell.distribution,
+                )
+                for cell in self.others
+            ),
         )
 
     @property

@@ -1,5 +1,7 @@
 """Packing a batch with the bin-aware policy: greedily, by sampling, and with a memory of it."""
 
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,10 +30,12 @@ LANES = Table.lanes
 
 
 class Trace(NamedTuple):
-    """What the network saw at T steps of a batch, and what was chosen."""
+    """What the network saw at T of the steps of a batch, and what was chosen."""
 
     sight: Sight  # leaves [T, ...]
     row: Array  # int32 [T, B], that was chosen; of no meaning where nothing fits
+    step: Array  # int32 [T], which steps these are
+    weight: Array  # float32[], steps for each of these
 
 
 def choose_orders(
@@ -82,9 +86,25 @@ def trace_choices(
     instances: Instance,
     keys: Array,
     kinds: int,
+    share: float = 1.0,
 ) -> tuple[Decisions, list[Trace]]:
-    """What `decide` samples, and what was seen and chosen: a trace per stretch of rows."""
-    return _play(network, view, params, instances, keys, kinds, 1.0, COMPACTED, remember=True)
+    """What `decide` samples, and what was seen and chosen: a trace per stretch of rows.
+
+    Args:
+        share: of the steps, drawn at random, that are remembered. A sum over them, times
+            `Trace.weight`, has the sum over all steps as its mean.
+    """
+    return _play(network, view, params, instances, keys, kinds, 1.0, COMPACTED, share)
+
+
+def draw_steps(key: Array, steps: int, share: float) -> Array:
+    """A share of so many steps, at least one, each as likely as any other: int32 [T], ascending.
+
+    Args:
+        key: a typed PRNG key, consumed.
+    """
+    count = max(1, round(share * steps))
+    return jnp.sort(jax.random.permutation(key, steps)[:count])
 
 
 def _play(
@@ -96,9 +116,9 @@ def _play(
     kinds: int | None,
     temperature: float,
     cuts: tuple[float, ...],
-    remember: bool = False,
+    share: float = 0.0,
 ) -> tuple[Decisions, list[Trace]]:
-    """(leaves [B, N]; the traces if they are to be remembered)."""
+    """(leaves [B, N]; a trace of this share of the steps of every stretch, none where it is 0)."""
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), instances)
     state = reset(view, last, kinds)
     items = instances.mask.shape[1]
@@ -109,7 +129,7 @@ def _play(
         draw = jax.vmap(lambda key: jax.random.gumbel(key, noise.shape[:2]), out_axes=-1)
         noise = draw(keys)
 
-    def play(state: State, noise: Array) -> tuple[State, tuple[Choice, Trace]]:
+    def play(state: State, noise: Array) -> tuple[State, Choice, tuple[Sight, Array]]:
         sight = look(network, view, state)
         preference = scores(network, params, sight)
         row = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
@@ -117,14 +137,13 @@ def _play(
         after = step(view, state, choice)
         done = ~sight.fits.any(0)
         chosen = Choice(jnp.where(done, items, choice.kind), choice.orientation)
-        return after, (chosen, Trace(sight, row))
+        return after, chosen, (sight, row)
 
     def play_only(state: State, noise: Array) -> tuple[State, Choice]:
         """Without a trace to fill, the steps after the last item has been placed cost nothing."""
 
         def turn(state: State) -> tuple[State, Choice]:
-            after, (choice, _) = play(state, noise)
-            return after, choice
+            return play(state, noise)[:2]
 
         def rest(state: State) -> tuple[State, Choice]:
             nothing = jnp.zeros(noise.shape[1:], jnp.int32)
@@ -138,11 +157,34 @@ def _play(
     for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
         state = compact(state, ways * (items - start))
         noises = noise[start:end, : state.remaining.shape[0]]
-        if remember:
-            state, (choice, seen) = jax.lax.scan(play, state, noises)
-            trace.append(seen)
+        if share:
+            assert keys is not None
+            # A key of its own: those of the orders are used up.
+            steps = draw_steps(jax.random.fold_in(keys[0], start), end - start, share)
+            state, choice, seen = _remember(play, state, noises, steps)
+            weight = jnp.float32((end - start) / len(steps))
+            trace.append(Trace(*seen, start + steps, weight))
         else:
             state, choice = jax.lax.scan(play_only, state, noises)
         chosen.append(choice)
     kind, orientation, _ = jax.tree.map(lambda *stretches: jnp.concatenate(stretches), *chosen)
     return decisions_of(state.kinds, kind, orientation), trace
+
+
+def _remember(
+    play: Callable, state: State, noises: Array, steps: Array
+) -> tuple[State, Choice, tuple[Sight, Array]]:
+    """Plays a stretch: (after it, all choices, what was seen and chosen at `steps`)."""
+    *_, seen = jax.eval_shape(play, state, noises[0])
+    kept = jax.tree.map(lambda leaf: jnp.zeros((len(steps) + 1, *leaf.shape), leaf.dtype), seen)
+
+    def turn(carry: tuple, inputs: tuple[Array, Array]) -> tuple[tuple, Choice]:
+        (state, kept), (step, noise) = carry, inputs
+        state, choice, seen = play(state, noise)
+        # A place is written over until its step has come. Behind the last there is one more.
+        place = (steps < step).sum()
+        put = partial(jax.lax.dynamic_update_index_in_dim, index=place, axis=0)
+        return (state, jax.tree.map(put, kept, seen)), choice
+
+    (state, kept), choice = jax.lax.scan(turn, (state, kept), (jnp.arange(len(noises)), noises))
+    return state, choice, jax.tree.map(lambda leaf: leaf[:-1], kept)

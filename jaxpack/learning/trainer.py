@@ -1,4 +1,4 @@
-"""Training as one program: instances, rollout, placement, cost, losses, Adam.
+"""Training as one program: instances, rollout, placement, cost, losses, weights.
 
 `make_train(config)` is the whole run as one pure function. The command line runs the same
 `train_chunk`, a few updates per dispatch, so that it can report and checkpoint in between.
@@ -32,6 +32,14 @@ class TrainState(NamedTuple):
     key: Array  # typed PRNG key[]; never changes, the streams are folded from it
     update: Array  # int32[], updates done; gives the position in the data
     learning_rate: Array  # float32[], before the schedule
+    average: Params | None = (
+        None  # float32 leaves, the weights' mean; None where the recipe has none
+    )
+
+    @property
+    def kept(self) -> Params:
+        """The weights that are validated and kept."""
+        return self.params if self.average is None else self.average
 
 
 class ChunkMetrics(NamedTuple):
@@ -43,18 +51,30 @@ class ChunkMetrics(NamedTuple):
 
 
 def init_state(
-    config: TrainConfig, key: Array, learning_rate: ArrayLike | None = None
+    config: TrainConfig,
+    key: Array,
+    learning_rate: ArrayLike | None = None,
+    params: Params | None = None,
 ) -> TrainState:
-    """A run's first state. `key` gives weights, data, shuffles and samples."""
-    params = config.policy.init(config.problem, jax.random.fold_in(key, 0))
+    """A run's first state. `key` gives weights (if none are given), data, shuffles and samples."""
+    if params is None:
+        params = config.policy.init(config.problem, jax.random.fold_in(key, 0))
     rate = config.learning_rate if learning_rate is None else learning_rate
     return TrainState(
         params=params,
-        optimizer=optax.scale_by_adam().init(params),
+        optimizer=optimizer_of(config).init(params),
         key=key,
         update=jnp.int32(0),
         learning_rate=jnp.asarray(rate, jnp.float32),
+        average=jax.tree.map(jnp.copy, params) if config.average else None,
     )
+
+
+def optimizer_of(config: TrainConfig) -> optax.GradientTransformation:
+    """What makes directions of gradients, all about as long as Adam's; weights go against them."""
+    if config.optimizer == "muon":
+        return optax.contrib.muon(-1.0, consistent_rms=0.2)
+    return optax.scale_by_adam()
 
 
 def training_instances(config: TrainConfig, key: Array, rows: Array) -> Instance:
@@ -96,15 +116,22 @@ def train_step(
         shrink = jnp.minimum(1, config.clip / jnp.maximum(norm, 1e-12))
         shrink = jnp.where(config.clip > 0, shrink, 1)
         gradient = jax.tree.map(lambda leaf: leaf * shrink, gradient)
-    direction, optimizer = optax.scale_by_adam().update(gradient, state.optimizer)
+    direction, optimizer = optimizer_of(config).update(gradient, state.optimizer, state.params)
     rate = state.learning_rate
     if config.schedule == "cosine":
         rate *= optax.cosine_decay_schedule(1.0, config.updates)(state.update)
     params = jax.tree.map(lambda p, d: p - rate * d, state.params, direction)
+    average = state.average
+    if average is not None:
+        # A mean over all updates while these are few: the weights at the start are of no use.
+        decay = jnp.minimum(config.average, (1 + state.update) / (10 + state.update))
+        average = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
     losses = (norm, outcome.actor_loss, outcome.critic_loss, optax.tree.norm(params))
     finite = jnp.isfinite(jnp.stack(losses)).all() * 1.0
     metrics = ChunkMetrics(outcome, norm, finite)
-    state = state._replace(params=params, optimizer=optimizer, update=state.update + 1)
+    state = state._replace(
+        params=params, optimizer=optimizer, update=state.update + 1, average=average
+    )
     return state, metrics
 
 
@@ -127,12 +154,14 @@ def train_updates(
     def take(turn: TrainConfig, state: TrainState, rows: Array) -> tuple[TrainState, ChunkMetrics]:
         return train_step(turn, state, training_instances(turn, state.key, rows), mesh)
 
-    turns = [partial(take, turn.traced(numbers or {})) for turn in config.turns]
+    kinds = list(dict.fromkeys(config.turns))  # each is compiled once
+    turn_of = jnp.asarray([kinds.index(turn) for turn in config.turns])
+    turns = [partial(take, turn.traced(numbers or {})) for turn in kinds]
 
     def update(state: TrainState, step: Array) -> tuple[TrainState, ChunkMetrics]:
         places = (done + step) * config.batch + jnp.arange(config.batch)
         rows = shuffled(shuffle_key, places, config.train_instances)
-        return jax.lax.switch(state.update % len(turns), turns, state, rows)
+        return jax.lax.switch(turn_of[state.update % len(turn_of)], turns, state, rows)
 
     state, metrics = jax.lax.scan(update, state, jnp.arange(updates))
     means = jax.tree.map(jnp.mean, metrics)
@@ -160,8 +189,9 @@ def make_train(
     Returns:
         train(key, learning_rate=None, numbers=None) -> (state, metrics). `key` is a typed PRNG key
         [], the rate float32 []; numbers such as {"entropy": float32 []} replace the recipe's:
-        entropy, clip, alpha, beta. `state.params` are the weights after the last update; `metrics`
-        are means over each epoch, float32 [epochs].
+        entropy, clip, alpha, beta. `state.params` are the weights after the last update,
+        `state.kept` these or their mean, if the recipe has one; `metrics` are means over each
+        epoch, float32 [epochs].
     """
 
     def train(
