@@ -137,13 +137,13 @@ def test_a_run_with_a_mean_of_its_weights_goes_on_with_the_same_bits(tmp_path):
         checkpoints = Checkpoints(tmp_path / name)
         snapshots.append(checkpoints.restore(config))
         checkpoints.close()
-    whole, stopped = (jax.tree.leaves((s.state[:2], s.state.average, s.best)) for s in snapshots)
+    whole, stopped = (jax.tree.leaves((s.state[:2], s.best)) for s in snapshots)
     for ours, theirs in zip(whole, stopped, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert without_times(tmp_path / "whole") == without_times(tmp_path / "stopped")
     # What was validated, and is kept, is the mean.
     state, best = snapshots[0]
-    again = validate_policy(recipe, state.average, jax.random.key(CONFIG.seed))
+    again = validate_policy(recipe, state.kept, jax.random.key(CONFIG.seed))
     last = [line["validation"] for line in read_lines(tmp_path / "whole") if "validation" in line]
     assert again == last[-1]
     assert int(best.update) in (8, 16, 20)

@@ -32,14 +32,20 @@ class TrainState(NamedTuple):
     key: Array  # typed PRNG key[]; never changes, the streams are folded from it
     update: Array  # int32[], updates done; gives the position in the data
     learning_rate: Array  # float32[], before the schedule
-    average: Params | None = (
-        None  # float32 leaves, the weights' mean; None where the recipe has none
-    )
 
     @property
     def kept(self) -> Params:
         """The weights that are validated and kept."""
-        return self.params if self.average is None else self.average
+        return self.optimizer.average if isinstance(self.optimizer, Averaged) else self.params
+
+
+class Averaged(NamedTuple):
+    """An optimizer's state and the mean of the weights. Only where the recipe has one: a state
+    without it has no field for it, as in the checkpoints of before.
+    """
+
+    state: optax.OptState
+    average: Params  # float32 leaves
 
 
 class ChunkMetrics(NamedTuple):
@@ -60,13 +66,15 @@ def init_state(
     if params is None:
         params = config.policy.init(config.problem, jax.random.fold_in(key, 0))
     rate = config.learning_rate if learning_rate is None else learning_rate
+    optimizer = optimizer_of(config).init(params)
+    if config.average:
+        optimizer = Averaged(optimizer, jax.tree.map(jnp.copy, params))
     return TrainState(
         params=params,
-        optimizer=optimizer_of(config).init(params),
+        optimizer=optimizer,
         key=key,
         update=jnp.int32(0),
         learning_rate=jnp.asarray(rate, jnp.float32),
-        average=jax.tree.map(jnp.copy, params) if config.average else None,
     )
 
 
@@ -116,22 +124,22 @@ def train_step(
         shrink = jnp.minimum(1, config.clip / jnp.maximum(norm, 1e-12))
         shrink = jnp.where(config.clip > 0, shrink, 1)
         gradient = jax.tree.map(lambda leaf: leaf * shrink, gradient)
-    direction, optimizer = optimizer_of(config).update(gradient, state.optimizer, state.params)
+    before = state.optimizer
+    inner = before.state if isinstance(before, Averaged) else before
+    direction, optimizer = optimizer_of(config).update(gradient, inner, state.params)
     rate = state.learning_rate
     if config.schedule == "cosine":
         rate *= optax.cosine_decay_schedule(1.0, config.updates)(state.update)
     params = jax.tree.map(lambda p, d: p - rate * d, state.params, direction)
-    average = state.average
-    if average is not None:
+    if isinstance(before, Averaged):
         # A mean over all updates while these are few: the weights at the start are of no use.
         decay = jnp.minimum(config.average, (1 + state.update) / (10 + state.update))
-        average = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
+        mean = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, before.average, params)
+        optimizer = Averaged(optimizer, mean)
     losses = (norm, outcome.actor_loss, outcome.critic_loss, optax.tree.norm(params))
     finite = jnp.isfinite(jnp.stack(losses)).all() * 1.0
     metrics = ChunkMetrics(outcome, norm, finite)
-    state = state._replace(
-        params=params, optimizer=optimizer, update=state.update + 1, average=average
-    )
+    state = state._replace(params=params, optimizer=optimizer, update=state.update + 1)
     return state, metrics
 
 
