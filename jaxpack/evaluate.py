@@ -25,7 +25,9 @@ from jaxpack.methods import SEARCHES, MethodOptions, make_method
 from jaxpack.model.instances import Cell, Source
 from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Problem
+from jaxpack.online import METHODS, OnlineComparison, compare_online, make_chooser, online_table
 from jaxpack.orders import order_instances
+from jaxpack.packing.online import SETTINGS
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.selfcheck import check_device
 from jaxpack.search.breeding import BrkgaConfig
@@ -38,10 +40,12 @@ class EvaluateOptions:
     """Compare methods on fresh instances. Lists in --items, --bin, --sides span a grid."""
 
     preset: Positional[str] = "bin-aware-2d"
-    """The instances and the rules: a preset of `python -m jaxpack.train`."""
+    """The instances and the rules: a preset of `python -m jaxpack.train`, or online-1, online-2 or
+    online-3, where items come one by one."""
     methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
     """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
-    bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded."""
+    bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded. Online: least-z,
+    best-fit, largest-space, flattest, online, online-plan-N."""
     orders: Path | None = None
     """Orders to evaluate on, not random instances: .csv, one for each name in its column ORDER, or
     .json. A preset other than bin-aware-2d names the shipped policy then."""
@@ -54,7 +58,7 @@ class EvaluateOptions:
     skip_unfit: FlagCreatePairsOff[bool] = False
     """Leave out the items of --orders that the bin cannot hold; otherwise they are an error."""
     instances: int | None = None
-    """Instances per cell and seed: if not given 1000, or all --orders."""
+    """Instances per cell and seed: if not given 1000, or all --orders; 2000 sequences online."""
     seed: int = 0
     """Gives the instances and the random choices; instance i depends on the seed and i alone."""
     seeds: int = 1
@@ -100,6 +104,17 @@ class EvaluateOptions:
     """Generations after the first population."""
     brkga_unseeded: FlagCreatePairsOff[bool] = False
     """Start brkga from random keys alone, not from the sorts."""
+    lookahead: int = 1
+    """Online: how many items are known, from the next one on."""
+    buffer: int = 1
+    """Online: how many items are held, of which any may be placed next."""
+    many_bins: FlagCreatePairsOff[bool] = False
+    """Online: as many bins as it takes, not one."""
+
+
+ONLINE = ("lookahead", "buffer", "many_bins")  # for online presets alone
+SHARED = ("preset", "methods", "instances", "seed", "items", "batch", "json", "no_validate")
+"""For online presets too."""
 
 
 def make_cells(options: EvaluateOptions) -> tuple[EvaluateOptions, Problem, list[Cell]]:
@@ -149,9 +164,54 @@ def sweep_options(
     return told
 
 
+def evaluate_online(options: EvaluateOptions) -> None:
+    """Compares methods that pack one item at a time, and prints the table.
+
+    Raises:
+        UserError: where an option is not for them, or there is no such method.
+    """
+    for name, value in asdict(options).items():
+        if name not in (*ONLINE, *SHARED) and value != getattr(EvaluateOptions, name):
+            raise UserError(f"--{name.replace('_', '-')}: not for {options.preset}")
+    default = options.methods == EvaluateOptions.methods
+    names = METHODS if default else [name.strip() for name in options.methods.split(",")]
+    items = parse_whole("items", options.items) if options.items else [OnlineComparison.items]
+    if len(items) > 1:
+        raise UserError(f"--items {options.items}: give one number for {options.preset}")
+    comparison = OnlineComparison(
+        options.preset, options.instances or OnlineComparison.sequences, items[0], options.seed,
+        options.batch, options.buffer, options.lookahead, options.many_bins,
+        not options.no_validate,
+    )  # fmt: skip
+    for name in names:
+        make_chooser(name, options.preset)  # what cannot be is said before anything is compiled
+    check_json(options)
+    console, rows = Console(), []
+    for name in names:
+        with console.status(f"{name}, {comparison.sequences} sequences"):
+            rows.append(compare_online(comparison, name))
+    if options.json:
+        with replace_file(options.json) as file:
+            file.write(json.dumps([row.record() for row in rows], indent=2) + "\n")
+    console.print(online_table(comparison, rows))
+
+
+def check_json(options: EvaluateOptions) -> None:
+    """Raises UserError where the rows could not be written."""
+    if options.json and not options.json.absolute().parent.is_dir():
+        raise UserError(f"--json {options.json}: its folder does not exist; make it first")
+
+
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
+    if options.preset in SETTINGS:
+        evaluate_online(options)
+        return
+    for name in ONLINE:
+        if getattr(options, name) != getattr(EvaluateOptions, name):
+            known = ", ".join(SETTINGS)
+            raise UserError(f"--{name.replace('_', '-')}: only for {known}")
     grid_costs("--objective", options.objective)
     names = [name.strip() for name in options.methods.split(",") if name.strip()]
     if not names:
@@ -187,8 +247,7 @@ def main(argv: Sequence[str]) -> None:
     )
     check_device()
     methods = {name: make_method(name, problem, settings) for name in names}
-    if options.json and not options.json.absolute().parent.is_dir():
-        raise UserError(f"--json {options.json}: its folder does not exist; make it first")
+    check_json(options)
     told = sweep_options(options, policy, cells[0].distribution)
     console = Console()
     rows: list[Row] = []

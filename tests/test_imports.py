@@ -32,6 +32,7 @@ TOP = {
     "sweep_report",
     "gym",
     "following",
+    "online",
 }
 BELOW = {"model", "packing", "search", "learning", "io", "xla", "errors"}
 ALLOWED = {

@@ -1,0 +1,121 @@
+"""Planning while items come one by one: the best places are tried on futures that may come.
+
+Each of the places that the value likes best is taken in a copy of the bin, and each copy goes on
+greedily, with the items that are known and after them with ones that are drawn: the same for all
+places. The place whose copies hold most in the mean, with what they are yet worth, is taken. All
+copies are one batch of one program.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxpack.learning.online_value import NOWHERE, worth
+from jaxpack.learning.parameters import Params
+from jaxpack.packing.online import Setting, State, chosen, place
+from jaxpack.search.online import (
+    Choice,
+    Chooser,
+    Known,
+    by_rule,
+    choice_of,
+    scored,
+    value_rule,
+)
+
+WIDTH, DEPTH = 8, 4
+"""Places that are tried, and items that are drawn for each future."""
+
+
+def planned(
+    setting: Setting, params: Params, futures: int, width: int = WIDTH, depth: int = DEPTH
+) -> Chooser:
+    """Chooses by how the bin may go on.
+
+    Args:
+        setting: static, what holds.
+        params: of the value.
+        futures: how many are drawn; 0: the known items alone, in which case nothing is drawn.
+        width: places that are tried.
+        depth: items that are drawn for each future, uniformly, as in training.
+    """
+    score = value_rule(params)
+
+    def choose(state: State, known: Known, keys: Array) -> Choice:
+        every, numbers, scores = scored(setting, score, state, known.held)
+        greedy = jnp.argmax(scores, 0)
+        if not futures and not len(known.coming):
+            return choice_of(setting, every, numbers, greedy)
+        _, rows = jax.lax.top_k(scores.T, width)  # the first is the greedy one
+        B, copies = len(keys), max(futures, 1)
+        drawn = jax.vmap(
+            lambda key: jax.random.randint(
+                key, (copies, depth if futures else 0, 3), 1, setting.high + 1
+            )
+        )(keys)  # [B, copies, depth, 3]
+        coming = jnp.broadcast_to(
+            jnp.moveaxis(known.coming, 2, 0)[:, None], (B, copies, *known.coming.shape[:2])
+        )
+        coming = jnp.concatenate([coming, drawn], 2)
+
+        def spread(leaf: Array, times: int) -> Array:
+            return jnp.repeat(leaf, times, -1)
+
+        # Copies of a place beside each other, places of a bin beside each other.
+        first = rows.reshape(-1)
+        wide = [jax.tree.map(lambda leaf: spread(leaf, width), offers) for offers in every]
+        choice = choice_of(setting, wide, spread(numbers, width), first)
+        bins = jax.tree.map(lambda leaf: spread(leaf, width), state)
+        bins = place(setting, bins, choice.offers, choice.number, choice.there)
+        volume = _volume(setting, choice)
+        held = spread(known.held, width)
+        bins, held = (jax.tree.map(lambda leaf: spread(leaf, copies), of) for of in (bins, held))
+        slot = jnp.repeat(choice.slot, copies)
+        queue = jnp.broadcast_to(coming[:, None], (B, width, *coming.shape[1:]))
+        queue = jnp.moveaxis(queue.reshape(-1, *coming.shape[2:]), 0, -1)  # [C, 3, B width copies]
+        more = _goes_on(setting, params, bins, held, slot, queue)
+        held_in_the_end = volume + more.reshape(B * width, copies).mean(1)
+        tried = jnp.where(choice.there, held_in_the_end, NOWHERE).reshape(B, width)
+        best = jnp.take_along_axis(rows, jnp.argmax(tried, 1)[:, None], 1)[:, 0]
+        return choice_of(setting, every, numbers, best)
+
+    return choose
+
+
+def _volume(setting: Setting, choice: Choice) -> Array:
+    """The share of a bin that is taken: float32 [B], 0 where nothing is."""
+    length, width, height = chosen(setting, choice.offers, choice.number)[0]
+    volume = length.astype(jnp.float32) * width * height / np.prod(setting.problem.bin)
+    return jnp.where(choice.there, volume, 0)
+
+
+def _goes_on(
+    setting: Setting, params: Params, bins: State, held: Array, slot: Array, queue: Array
+) -> Array:
+    """What bins yet take of a queue, greedily, and what they are worth then: float32 [B].
+
+    Args:
+        held: int32 [W, 3, B].
+        slot: int32 [B], of what was taken from these, where the next of the queue goes.
+        queue: int32 [C, 3, B].
+    """
+    choose, slots = by_rule(setting, value_rule(params)), jnp.arange(len(held))[:, None, None]
+    (L, W, _), B = setting.problem.bin, len(slot)
+    keys = jnp.zeros((B, 0))
+
+    def one(now: tuple, item: Array) -> tuple[tuple, None]:
+        bins, held, slot, alive, volume = now
+        held = jnp.where(slots == slot, item, held)
+        choice = choose(bins, Known(held, held[:0]), keys)
+        alive &= choice.there
+        choice = choice._replace(there=alive)
+        bins = place(setting, bins, choice.offers, choice.number, alive)
+        return (bins, held, choice.slot, alive, volume + _volume(setting, choice)), None
+
+    start = bins, held, slot, jnp.ones(B, bool), jnp.zeros(B)
+    (bins, _, _, alive, volume), _ = jax.lax.scan(one, start, queue)
+    yet = partial(worth, setting, params)(bins.heights[:L, :W], bins.firm[:L, :W])
+    return volume + jnp.where(alive, yet, 0)
