@@ -36,6 +36,7 @@ SENTENCES = {
     End.UNREADY: "time, before the search was compiled, which goes on when this program has ended",
     End.BUDGET: "the number of packings",
     End.INTERRUPT: "an interrupt",
+    End.ONLINE: "items that came one by one",
 }
 
 

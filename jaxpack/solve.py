@@ -37,6 +37,7 @@ from jaxpack.plan_tables import (
     say,
 )
 from jaxpack.rule_flags import flag
+from jaxpack.search.online_orders import pack_online
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.record import Progress
 from jaxpack.solution import Solution, Status, checked_options, solution, solve
@@ -87,6 +88,9 @@ class CommandOptions(HowToPack):
     """JAX's devices, so many of which pack several orders instead: for GPUs."""
     order: str | None = None
     """Solve only the order of that name."""
+    online: FlagCreatePairsOff[bool] = False
+    """Items come one by one, in the order of the file, copies in a row: print where each goes as it
+    comes, into as many bins as it takes. Nothing is searched for."""
     packingsolver: FlagCreatePairsOff[bool] = False
     """Read CSV files exactly as PackingSolver does, where that differs."""
 
@@ -191,6 +195,30 @@ def solve_one(
         raise UserError(f"{source}: {error}") from None
 
 
+def solve_online(
+    job: Job, how: SolveOptions, source: Path, interrupted: Sequence[int], console: Console
+) -> dict[str, Solution | str | None]:
+    """The solution of the one order there is, by its name, its items packed as they come.
+
+    Raises:
+        UserError: where it cannot be packed.
+    """
+
+    def told(item: int, orientation: str, number: int, corner: tuple[float, ...]) -> None:
+        name = job.items[item].name or f"item {item}"
+        place = ", ".join(f"{corner[axis]:g}" for axis in job.axes)
+        where = f"bin {number}, {orientation} at {place}" if number >= 0 else "left out"
+        console.print(plain_text(f"{name}: {where}"), soft_wrap=True)
+
+    if how.time_limit is not None or how.packings is not None:
+        raise UserError("--online: nothing is searched for; leave out --time-limit and --packings")
+    try:
+        found = pack_online(job, how, told, lambda: bool(interrupted))
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
+    return {job.name: solution(job, found, how.rules)}
+
+
 def write_all(
     options: CommandOptions,
     found: dict[str, Solution | str | None],
@@ -240,9 +268,14 @@ def main(argv: Sequence[str]) -> None:
         as_whole(options.devices, "--devices", 1)
     several = len(jobs) + len(wrong) > 1
     files = dict(zip([job.name for job in jobs], plan_files(options, jobs), strict=True))
+    if options.online and several:
+        what = f"{options.items}: {len(jobs) + len(wrong)} orders"
+        raise UserError(f"{what}: --online packs one; name it with --order")
     with interrupts() as interrupted:
         try:
-            if several:
+            if options.online:
+                found = solve_online(jobs[0], how, options.items, interrupted, console)
+            elif several:
                 how = timed(how, len(jobs))
                 packed = pack_all(jobs, how, options.workers, options.devices, interrupted, status)
                 found = dict(zip(files, packed, strict=True))

@@ -23,6 +23,7 @@ class End(Enum):
     UNREADY = auto()  # time, before the compiled search was ready
     BUDGET = auto()  # packings
     INTERRUPT = auto()
+    ONLINE = auto()  # items came one by one: there was nothing to search for
 
 
 @dataclass(frozen=True)
