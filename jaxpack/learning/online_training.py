@@ -130,7 +130,7 @@ def _learn(
         jnp.moveaxis(leaf[:, :-1], (0, 1), (2, 3)).reshape(*leaf.shape[2:4], -1)
         for leaf in (played.heights, played.firm)
     )
-    told = _returns(config.trace, played).reshape(-1)
+    told = returns(config.trace, played).reshape(-1)
     counts = played.fits[:, :-1].reshape(-1).astype(jnp.float32)
     of_order, of_sides = jax.random.split(key)
     batches = len(told) // config.minibatch
@@ -158,11 +158,15 @@ def _learn(
     return jax.lax.scan(step, now, (order, sides))
 
 
-def _returns(trace: float, played: Played) -> Array:
+def returns(trace: float, played: Played) -> Array:
     """What each bin but the last is told: float32 [chunks, T - 1, LANES].
 
     The gain of the next item, and of the worth of the bin then a share `1 - trace` as the network
-    has it and a share `trace` as it turned out.
+    has it and a share `trace` as it turned out; nothing where the item does not fit.
+
+    Args:
+        trace: lambda.
+        played: leaves [chunks, T, ...]; of the last step the network's value is what turned out.
     """
 
     def before(turned_out: Array, step: tuple[Array, Array, Array]) -> tuple[Array, Array]:
