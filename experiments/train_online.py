@@ -25,7 +25,7 @@ from jaxpack.learning.online_training import OnlineConfig, init_online, online_u
 from jaxpack.packing.online import SETTINGS
 
 EVERY = 20
-UPDATES = {"online-1": 1600, "online-2": 250}
+UPDATES = {"online-1": 1600, "online-2": 400}
 
 
 def main() -> None:

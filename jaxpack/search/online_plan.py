@@ -2,11 +2,13 @@
 
 Each of the places that the value likes best is taken in a copy of the bin, and each copy goes on
 greedily, with the items that are known and after them with ones that are drawn: the same for all
-places. The place whose copies hold most in the mean, with what they are yet worth, is taken. All
-copies are one batch of one program.
+places. The greedy place is left for one whose copies hold more, with what they are yet worth, by
+more than chance may have done. All copies are one batch of one program.
 """
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +19,7 @@ from jaxpack.learning.online_value import NOWHERE, worth
 from jaxpack.learning.parameters import Params
 from jaxpack.packing.online import Setting, State, chosen, place
 from jaxpack.search.online import (
+    LANES,
     Choice,
     Chooser,
     Known,
@@ -25,9 +28,12 @@ from jaxpack.search.online import (
     scored,
     value_rule,
 )
+from jaxpack.xla.pieces import in_pieces
 
 WIDTH, DEPTH = 8, 4
 """Places that are tried, and items that are drawn for each future."""
+SURE = 2.0
+"""Standard errors by which a place has to be better than the greedy one."""
 
 
 def planned(
@@ -76,13 +82,25 @@ def planned(
         slot = jnp.repeat(choice.slot, copies)
         queue = jnp.broadcast_to(coming[:, None], (B, width, *coming.shape[1:]))
         queue = jnp.moveaxis(queue.reshape(-1, *coming.shape[2:]), 0, -1)  # [C, 3, B width copies]
-        more = _goes_on(setting, params, bins, held, slot, queue)
-        held_in_the_end = volume + more.reshape(B * width, copies).mean(1)
-        tried = jnp.where(choice.there, held_in_the_end, NOWHERE).reshape(B, width)
+        more = _in_lanes(partial(_goes_on, setting, params), bins, held, slot, queue)
+        ends = (volume[:, None] + more.reshape(B * width, copies)).reshape(B, width, copies)
+        better = _surely(ends - ends[:, :1])
+        tried = jnp.where(choice.there.reshape(B, width), better, NOWHERE)
         best = jnp.take_along_axis(rows, jnp.argmax(tried, 1)[:, None], 1)[:, 0]
         return choice_of(setting, every, numbers, best)
 
     return choose
+
+
+def _surely(more: Array) -> Array:
+    """How much more places hold than the greedy one, less what chance may have done: [B, width].
+
+    Args:
+        more: float32 [B, width, copies], future by future.
+    """
+    copies = more.shape[-1]
+    chance = more.std(-1) / max(copies - 1, 1) ** 0.5
+    return more.mean(-1) - SURE * chance
 
 
 def _volume(setting: Setting, choice: Choice) -> Array:
@@ -90,6 +108,15 @@ def _volume(setting: Setting, choice: Choice) -> Array:
     length, width, height = chosen(setting, choice.offers, choice.number)[0]
     volume = length.astype(jnp.float32) * width * height / np.prod(setting.problem.bin)
     return jnp.where(choice.there, volume, 0)
+
+
+def _in_lanes(function: Callable[..., Array], *batch: Any) -> Array:
+    """A function of batches, whose axis is the last one, in pieces of `LANES`: to float32 [B]."""
+
+    def piece(part: Any) -> Array:
+        return function(*jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), part))
+
+    return in_pieces(piece, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -1, 0), batch), LANES)
 
 
 def _goes_on(
