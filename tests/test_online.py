@@ -246,6 +246,7 @@ def test_places_are_the_lowest_at_edges():
     assert (np.asarray(found.heights).max((0, 1))[found.there] >= 1).all()
 
 
+@pytest.mark.slow
 def test_the_value_fills_more_than_the_rules():
     """On sequences that it was not trained on, each packing checked."""
     rows = [
