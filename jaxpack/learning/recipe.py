@@ -63,9 +63,8 @@ class TrainConfig:
     entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
     clip: float = 0.0  # largest norm of a gradient; 0: any
     loss_steps: float = 1.0  # share of an order's steps, drawn at random, that enter the loss
-    halves: int = (
-        0  # updates take turns: all items of the distribution, so many times half of them,
-    )
+    # Updates take turns: all items of the distribution, so many times half of them,
+    halves: int = 0
     others: tuple[Cell, ...] = ()  # and one with each of these bins and distributions
 
     def __post_init__(self) -> None:
