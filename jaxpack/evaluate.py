@@ -45,7 +45,7 @@ class EvaluateOptions:
     methods: str = "random,volume,footprint,height,best-of-1000,brkga,pointer,bin-aware"
     """Comma-separated: random, volume, footprint, height, best-of-N, brkga, pointer, bin-aware,
     bin-aware-best-of-N, bin-aware-beam-N, bin-aware-search, brkga-seeded. Online: least-z,
-    best-fit, largest-space, flattest, online, online-plan-N."""
+    best-fit, largest-space, flattest, online, online-plan, online-plan-N."""
     orders: Path | None = None
     """Orders to evaluate on, not random instances: .csv, one for each name in its column ORDER, or
     .json. A preset other than bin-aware-2d names the shipped policy then."""

@@ -88,7 +88,7 @@ def make_chooser(name: str, preset: str) -> Chooser:
     """The method of that name.
 
     Args:
-        name: least-z, best-fit, largest-space, flattest, online, online-plan-N.
+        name: least-z, best-fit, largest-space, flattest, online, online-plan, online-plan-N.
         preset: a key of SETTINGS.
 
     Raises:
@@ -99,9 +99,10 @@ def make_chooser(name: str, preset: str) -> Chooser:
         return by_rule(setting, RULES[name])
     if name == "online":
         return by_rule(setting, value_rule(shipped_value(preset)))
-    if found := re.fullmatch(r"online-plan-(\d{1,4})", name):
-        return planned(setting, shipped_value(preset), int(found[1]))
-    known = ", ".join((*METHODS, "online-plan-N"))
+    if found := re.fullmatch(r"online-plan(?:-(\d{1,4}))?", name):
+        futures = None if found[1] is None else int(found[1])
+        return planned(setting, shipped_value(preset), futures)
+    known = ", ".join((*METHODS, "online-plan", "online-plan-N"))
     raise UserError(f"unknown method '{name}': choose from {known} (N a whole number)")
 
 

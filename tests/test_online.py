@@ -12,7 +12,7 @@ import pytest
 
 from jaxpack.errors import UserError
 from jaxpack.evaluate import main
-from jaxpack.learning.online_value import init_value
+from jaxpack.learning.online_value import NOWHERE, init_value
 from jaxpack.model.box_check import Boxes
 from jaxpack.model.online_check import check_online
 from jaxpack.model.packing_check import InvalidPackingError
@@ -21,7 +21,7 @@ from jaxpack.model.stability_check import off_centre
 from jaxpack.online import OnlineComparison, compare_online, sequences_of
 from jaxpack.packing.online import TURNS, Setting, empty, look, place
 from jaxpack.packing.online_view import at_edges, fits, places, roughness
-from jaxpack.search.online import RULES, by_rule, play, value_rule
+from jaxpack.search.online import RULES, Known, by_rule, choice_of, play, scored, value_rule
 from jaxpack.search.online_plan import planned
 
 SMALL = Setting(Problem((6, 6, 6), (3, 3), support=0))
@@ -161,6 +161,33 @@ def test_a_lookahead_of_one_is_none():
         found = jax.jit(partial(play, SMALL, planner, lookahead=lookahead))(items, keys(4))
         alike = [np.array_equal(a, b) for a, b in zip(found, greedy, strict=True)]
         assert all(alike) == same
+
+
+@pytest.mark.parametrize("setting", [SMALL, SMALL_ALL])
+def test_a_plan_takes_what_is_best_in_the_mean_of_all_items_that_may_come(setting):
+    """One by one, in every way to write them down, and not one for all that are alike."""
+    params, width = random_value(setting), 4
+    score, state, lanes = value_rule(params), empty(setting, 3), 3
+    for item in drawn(setting, 4, lanes=lanes):
+        choice = by_rule(setting, score)(state, Known(item[None], item[:0, None]), keys(lanes))
+        state = place(setting, state, choice.offers, choice.number, choice.there)
+    held = drawn(setting, 1, 7, lanes)
+    every, numbers, scores = scored(setting, score, state, held)
+    rows = np.argsort(-np.asarray(scores), 0, kind="stable")[:width]
+    sums = np.zeros((width, lanes))
+    best = jax.jit(lambda state, item: scored(setting, score, state, item[None])[2].max(0))
+    for number, row in enumerate(rows):
+        choice = choice_of(setting, every, numbers, jnp.asarray(row))
+        after = place(setting, state, choice.offers, choice.number, choice.there)
+        for sides in product(range(1, 4), repeat=3):
+            item = jnp.broadcast_to(jnp.asarray(sides)[:, None], (3, lanes))
+            most = np.asarray(best(after, item))
+            sums[number] += np.where(most > NOWHERE, most, 0)
+        assert choice.there.all()
+    wanted = rows[sums.argmax(0), range(lanes)]
+    known = Known(held, held[:0])
+    found = jax.jit(planned(setting, params, None, width))(state, known, keys(lanes))
+    np.testing.assert_array_equal(found.number, np.asarray(numbers)[wanted, range(lanes)])
 
 
 def test_many_bins_hold_all():

@@ -2,8 +2,8 @@
 
 Each of the places that the value likes best is taken in a copy of the bin, and each copy goes on
 greedily, with the items that are known and after them with ones that are drawn: the same for all
-places. The greedy place is left for one whose copies hold more, with what they are yet worth, by
-more than chance may have done. All copies are one batch of one program.
+places. What the last of them adds is what its best place is worth, as greedy play sees it. The
+place is taken whose copies come to most in the mean. All copies are one batch of one program.
 """
 
 from collections.abc import Callable
@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.learning.online_value import NOWHERE, worth
+from jaxpack.learning.online_value import NOWHERE
 from jaxpack.learning.parameters import Params
-from jaxpack.packing.online import Setting, State, chosen, place
+from jaxpack.packing.online import TURNS, Setting, State, chosen, place
 from jaxpack.search.online import (
     LANES,
     Choice,
@@ -30,42 +30,43 @@ from jaxpack.search.online import (
 )
 from jaxpack.xla.pieces import in_pieces
 
-WIDTH, DEPTH = 8, 4
-"""Places that are tried, and items that are drawn for each future."""
-SURE = 2.0
-"""Standard errors by which a place has to be better than the greedy one."""
+WIDTH, DEPTH = 10, 1
+"""Places that are tried, and items that come in each future."""
 
 
 def planned(
-    setting: Setting, params: Params, futures: int, width: int = WIDTH, depth: int = DEPTH
+    setting: Setting, params: Params, futures: int | None, width: int = WIDTH, depth: int = DEPTH
 ) -> Chooser:
     """Chooses by how the bin may go on.
 
     Args:
         setting: static, what holds.
         params: of the value.
-        futures: how many are drawn; 0: the known items alone, in which case nothing is drawn.
+        futures: how many are drawn; None: one for every item that may come first, which counts by
+            its probability; 0: the known items alone, in which case nothing is drawn.
         width: places that are tried.
-        depth: items that are drawn for each future, uniformly, as in training.
+        depth: items that come in each future, uniformly, as in training.
     """
-    score = value_rule(params)
+    score, kinds = value_rule(params), _kinds(setting)
+    weight = jnp.asarray(kinds[1] if futures is None else np.ones(max(futures, 1)), jnp.float32)
+    copies = len(weight)
+
+    def drawn(key: Array) -> Array:
+        """Items of futures: int32 [copies, depth, 3]."""
+        items = jax.random.randint(key, (copies, depth * (futures != 0), 3), 1, setting.high + 1)
+        return items if futures is not None else items.at[:, 0].set(kinds[0])
 
     def choose(state: State, known: Known, keys: Array) -> Choice:
         every, numbers, scores = scored(setting, score, state, known.held)
         greedy = jnp.argmax(scores, 0)
-        if not futures and not len(known.coming):
+        if futures == 0 and not len(known.coming):
             return choice_of(setting, every, numbers, greedy)
         _, rows = jax.lax.top_k(scores.T, width)  # the first is the greedy one
-        B, copies = len(keys), max(futures, 1)
-        drawn = jax.vmap(
-            lambda key: jax.random.randint(
-                key, (copies, depth if futures else 0, 3), 1, setting.high + 1
-            )
-        )(keys)  # [B, copies, depth, 3]
+        B = len(keys)
         coming = jnp.broadcast_to(
             jnp.moveaxis(known.coming, 2, 0)[:, None], (B, copies, *known.coming.shape[:2])
         )
-        coming = jnp.concatenate([coming, drawn], 2)
+        coming = jnp.concatenate([coming, jax.vmap(drawn)(keys)], 2)
 
         def spread(leaf: Array, times: int) -> Array:
             return jnp.repeat(leaf, times, -1)
@@ -84,23 +85,21 @@ def planned(
         queue = jnp.moveaxis(queue.reshape(-1, *coming.shape[2:]), 0, -1)  # [C, 3, B width copies]
         more = _in_lanes(partial(_goes_on, setting, params), bins, held, slot, queue)
         ends = (volume[:, None] + more.reshape(B * width, copies)).reshape(B, width, copies)
-        better = _surely(ends - ends[:, :1])
-        tried = jnp.where(choice.there.reshape(B, width), better, NOWHERE)
+        mean = (ends * weight).sum(2) / weight.sum()
+        tried = jnp.where(choice.there.reshape(B, width), mean, NOWHERE)
         best = jnp.take_along_axis(rows, jnp.argmax(tried, 1)[:, None], 1)[:, 0]
         return choice_of(setting, every, numbers, best)
 
     return choose
 
 
-def _surely(more: Array) -> Array:
-    """How much more places hold than the greedy one, less what chance may have done: [B, width].
-
-    Args:
-        more: float32 [B, width, copies], future by future.
-    """
-    copies = more.shape[-1]
-    chance = more.std(-1) / max(copies - 1, 1) ** 0.5
-    return more.mean(-1) - SURE * chance
+def _kinds(setting: Setting) -> tuple[np.ndarray, np.ndarray]:
+    """Items that differ however they are turned: int32 [kinds, 3]; how many are alike [kinds]."""
+    sides = np.indices((setting.high,) * 3).reshape(3, -1).T + 1
+    ways = np.array([sides[:, list(turn)] for turn in TURNS[setting.turns]])
+    same = (ways * (setting.high + 1) ** np.arange(3)).sum(2).min(0)
+    _, first, count = np.unique(same, return_index=True, return_counts=True)
+    return sides[first].astype(np.int32), count
 
 
 def _volume(setting: Setting, choice: Choice) -> Array:
@@ -122,15 +121,15 @@ def _in_lanes(function: Callable[..., Array], *batch: Any) -> Array:
 def _goes_on(
     setting: Setting, params: Params, bins: State, held: Array, slot: Array, queue: Array
 ) -> Array:
-    """What bins yet take of a queue, greedily, and what they are worth then: float32 [B].
+    """What bins yet take of a queue, greedily, and what they are worth with it: float32 [B].
 
     Args:
         held: int32 [W, 3, B].
         slot: int32 [B], of what was taken from these, where the next of the queue goes.
-        queue: int32 [C, 3, B].
+        queue: int32 [C, 3, B], at least one.
     """
-    choose, slots = by_rule(setting, value_rule(params)), jnp.arange(len(held))[:, None, None]
-    (L, W, _), B = setting.problem.bin, len(slot)
+    score, slots = value_rule(params), jnp.arange(len(held))[:, None, None]
+    choose, B = by_rule(setting, score), len(slot)
     keys = jnp.zeros((B, 0))
 
     def one(now: tuple, item: Array) -> tuple[tuple, None]:
@@ -143,6 +142,7 @@ def _goes_on(
         return (bins, held, choice.slot, alive, volume + _volume(setting, choice)), None
 
     start = bins, held, slot, jnp.ones(B, bool), jnp.zeros(B)
-    (bins, _, _, alive, volume), _ = jax.lax.scan(one, start, queue)
-    yet = partial(worth, setting, params)(bins.heights[:L, :W], bins.firm[:L, :W])
-    return volume + jnp.where(alive, yet, 0)
+    (bins, held, slot, alive, volume), _ = jax.lax.scan(one, start, queue[:-1])
+    held = jnp.where(slots == slot, queue[-1], held)
+    best = scored(setting, score, bins, held)[2].max(0)
+    return volume + jnp.where(alive & (best > NOWHERE), best, 0)
