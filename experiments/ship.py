@@ -27,7 +27,7 @@ def command_of(config: RunConfig) -> str:
     """The command that made a run: the preset, the seed and what differs from the preset."""
     recipe, base = config.train, preset(config.preset)
     command = f"python -m jaxpack.train {config.preset} --seed {config.seed}"
-    for name in ("train_instances", "batch", "epochs", "learning_rate", "optimizer", "average",
+    for name in ("train_instances", "batch", "epochs", "learning_rate", "average",
                  "learner", "entropy", "samples", "alpha", "loss_steps", "halves"):  # fmt: skip
         if getattr(recipe, name) != getattr(base, name):
             command += f" --{name.replace('_', '-')} {getattr(recipe, name)}"

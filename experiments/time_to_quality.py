@@ -32,7 +32,6 @@ TRIED = {
     "64 instances": {"batch": 64, "learning_rate": 2e-3, "average": 0.9, "updates": 100},
     "16 instances": {"batch": 16, "learning_rate": 2e-3, "updates": 400},
     "16 instances, 4e-3": {"batch": 16, "updates": 400},
-    "muon": {"batch": 16, "updates": 400, "optimizer": "muon"},
     "halves only": {"schedule": "constant", "learning_rate": 3e-3, "average": 0.98, "updates": 500,
                     "distribution": Distribution(items=35, low=2, high=5)},
     "one half": {"updates": 300, "halves": 1},

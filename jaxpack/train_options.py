@@ -83,8 +83,6 @@ class TrainOptions:
     """Passes over the training set."""
     learning_rate: str | None = None
     """At the start."""
-    optimizer: str | None = None
-    """adam or muon."""
     average: str | None = None
     """Decay per update of a mean of the weights, which is what is kept; 0 keeps the weights."""
     schedule: str | None = None
@@ -195,7 +193,7 @@ def make_recipe(
     """
     recipe = preset(options.preset)
     given = {name: number for name, number in numbers.items() if name not in OTHERS}
-    for name in ("optimizer", "schedule", "objective", "learner"):
+    for name in ("schedule", "objective", "learner"):
         if getattr(options, name) is not None:
             given[name] = getattr(options, name)
     policy = recipe.policy

@@ -124,7 +124,7 @@ def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted,
 
 
 def test_a_run_with_a_mean_of_its_weights_goes_on_with_the_same_bits(tmp_path):
-    recipe = replace(TINY, optimizer="muon", average=0.9, epochs=1)
+    recipe = replace(TINY, average=0.9, epochs=1)
     config = replace(CONFIG, train=recipe)
     for name, answers in (("whole", ()), ("stopped", (False, True))):
         create_run(tmp_path / name, config)

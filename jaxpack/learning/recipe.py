@@ -16,12 +16,6 @@ from jaxpack.model.problem import Instance, Packing, Problem
 
 SCHEDULES = ("constant", "cosine")
 
-OPTIMIZERS = {
-    "adam": "Kingma and Ba 2015",
-    "muon": "Jordan et al. 2024, for matrices: all singular values alike; Adam for the rest",
-}
-"""What there is to turn gradients into steps."""
-
 LEARNERS = {
     "critic": "REINFORCE, what an order costs compared with what the critic expects",
     "leave-one-out": "REINFORCE, compared with the other samples of its instance",
@@ -52,7 +46,6 @@ class TrainConfig:
     batch: int = 50  # B, instances per update
     epochs: int = 5  # passes over the training set
     learning_rate: float = 5e-4  # at the start
-    optimizer: str = "adam"  # see OPTIMIZERS
     average: float = 0.0  # decay per update of a mean of the weights, which is kept; 0: the weights
     schedule: str = "constant"  # of the rate: constant, or cosine down to zero
     objective: str = "paper"  # the cost: R of Eq. (9), or bins + alpha (1 - C) + beta (1 - P)
@@ -94,8 +87,6 @@ class TrainConfig:
         grid_costs("objective", self.objective)
         if self.schedule not in SCHEDULES:
             raise UserError(f"schedule '{self.schedule}': choose {' or '.join(SCHEDULES)}")
-        if self.optimizer not in OPTIMIZERS:
-            raise UserError(f"optimizer '{self.optimizer}': choose {' or '.join(OPTIMIZERS)}")
         if self.learner not in (known := self.policy.learners(self.objective)):
             raise UserError(
                 f"learner '{self.learner}': choose {' or '.join(known)}, those that the "

@@ -66,7 +66,7 @@ def init_state(
     if params is None:
         params = config.policy.init(config.problem, jax.random.fold_in(key, 0))
     rate = config.learning_rate if learning_rate is None else learning_rate
-    optimizer = optimizer_of(config).init(params)
+    optimizer = optax.scale_by_adam().init(params)
     if config.average:
         optimizer = Averaged(optimizer, jax.tree.map(jnp.copy, params))
     return TrainState(
@@ -76,13 +76,6 @@ def init_state(
         update=jnp.int32(0),
         learning_rate=jnp.asarray(rate, jnp.float32),
     )
-
-
-def optimizer_of(config: TrainConfig) -> optax.GradientTransformation:
-    """What makes directions of gradients, all about as long as Adam's; weights go against them."""
-    if config.optimizer == "muon":
-        return optax.contrib.muon(-1.0, consistent_rms=0.2)
-    return optax.scale_by_adam()
 
 
 def training_instances(config: TrainConfig, key: Array, rows: Array) -> Instance:
@@ -126,7 +119,7 @@ def train_step(
         gradient = jax.tree.map(lambda leaf: leaf * shrink, gradient)
     before = state.optimizer
     inner = before.state if isinstance(before, Averaged) else before
-    direction, optimizer = optimizer_of(config).update(gradient, inner, state.params)
+    direction, optimizer = optax.scale_by_adam().update(gradient, inner)
     rate = state.learning_rate
     if config.schedule == "cosine":
         rate *= optax.cosine_decay_schedule(1.0, config.updates)(state.update)
