@@ -205,7 +205,9 @@ def check_json(options: EvaluateOptions) -> None:
 def main(argv: Sequence[str]) -> None:
     """Parses, compares, prints."""
     options = parse_options(EvaluateOptions, "evaluate", argv)
-    if options.preset in SETTINGS:
+    if options.preset.startswith("online"):
+        if options.preset not in SETTINGS:
+            raise UserError(f"unknown preset '{options.preset}': choose {', '.join(SETTINGS)}")
         evaluate_online(options)
         return
     for name in ONLINE:

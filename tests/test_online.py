@@ -302,6 +302,7 @@ def test_a_sequence_depends_on_the_seed_and_its_number_alone():
         ("online-1 --rule most-contact", "--rule: not for online-1"),
         ("online-1 --items 10,20", "give one number for online-1"),
         ("online-1 --buffer 0", "buffer 0"),
+        ("online-4", "unknown preset 'online-4': choose online-1, online-2, online-3"),
         ("bin-aware-2d --lookahead 2", "--lookahead: only for online-1, online-2, online-3"),
     ],
 )
