@@ -19,13 +19,12 @@ from rich.table import Table
 from jaxpack.comparison import INSTANCE_STREAM, METHOD_STREAM
 from jaxpack.errors import UserError, check_counts
 from jaxpack.model.instances import Distribution, sample_at
-from jaxpack.model.online_check import check_online
+from jaxpack.model.online_check import Played, check_online
 from jaxpack.packing.online import SETTINGS, TURNS
 from jaxpack.search.online import (
     LANES,
     RULES,
     Chooser,
-    Played,
     by_rule,
     play,
     shipped_value,
@@ -124,7 +123,6 @@ def compare_online(comparison: OnlineComparison, name: str) -> OnlineRow:
     """
     setting, items = SETTINGS[comparison.setting], sequences_of(comparison)
     seconds, threads, played = _run(comparison, name, items)
-    item, into, sides, corner = (np.asarray(leaf) for leaf in played)
     if comparison.validate:
         density = None
         if comparison.setting == "online-3":
@@ -136,18 +134,15 @@ def compare_online(comparison: OnlineComparison, name: str) -> OnlineRow:
             turns,
             setting.stable,
             items,
-            item,
-            into,
-            sides,
-            corner,
+            played,
             buffer=comparison.buffer,
             density=density,
             label=name,
         )
-    placed = item >= 0
+    placed = played.item >= 0
     number = placed.sum(1)
-    bins = np.where(placed, into + 1, 0).max(1)
-    volume = np.where(placed, sides.prod(2), 0).sum(1)
+    bins = np.where(placed, played.bin + 1, 0).max(1)
+    volume = np.where(placed, played.sides.prod(2), 0).sum(1)
     use = volume / (np.maximum(bins, 1) * np.prod(setting.problem.bin))
     return OnlineRow(
         method=name,

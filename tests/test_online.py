@@ -14,7 +14,7 @@ from jaxpack.errors import UserError
 from jaxpack.evaluate import main
 from jaxpack.learning.online_value import NOWHERE, init_value
 from jaxpack.model.box_check import Boxes
-from jaxpack.model.online_check import check_online
+from jaxpack.model.online_check import Played, check_online
 from jaxpack.model.packing_check import InvalidPackingError
 from jaxpack.model.problem import Problem
 from jaxpack.model.stability_check import off_centre
@@ -110,7 +110,7 @@ def test_every_rule_packs_by_the_rules(rule):
         played = jax.jit(partial(play, setting, by_rule(setting, RULES[rule])))(items, keys())
         batch = [np.moveaxis(np.asarray(leaf), -1, 0) for leaf in played]
         check_online(setting.problem.bin, TURNS[setting.turns], setting.stable,
-                     np.moveaxis(np.asarray(items), -1, 0), *batch)  # fmt: skip
+                     np.moveaxis(np.asarray(items), -1, 0), Played(*batch))  # fmt: skip
         assert ((played.item >= 0).sum(0) > 5).all()
         # It ends with the first item that has no place, and no bin was opened.
         assert (np.diff((played.item >= 0).astype(int), axis=0) <= 0).all()
@@ -195,7 +195,9 @@ def test_many_bins_hold_all():
     choose = by_rule(SMALL_ALL, RULES["flattest"])
     played = jax.jit(partial(play, SMALL_ALL, choose, many=True))(items, keys())
     batch = [np.moveaxis(np.asarray(leaf), -1, 0) for leaf in played]
-    check_online((6, 6, 6), TURNS["all"], False, np.moveaxis(np.asarray(items), -1, 0), *batch)
+    check_online(
+        (6, 6, 6), TURNS["all"], False, np.moveaxis(np.asarray(items), -1, 0), Played(*batch)
+    )
     assert (np.sort(batch[0], 1)[:, -40:] == np.arange(40)).all()
     assert batch[1].max() > 0
 
@@ -203,13 +205,14 @@ def test_many_bins_hold_all():
 def test_the_check_finds_what_is_wrong():
     items = drawn(SMALL, 40)
     played = jax.jit(partial(play, SMALL, by_rule(SMALL, RULES["flattest"])))(items, keys())
-    item, bins, sides, corner = (np.moveaxis(np.asarray(leaf), -1, 0) for leaf in played)
+    right = Played(*(np.moveaxis(np.asarray(leaf), -1, 0) for leaf in played))
+    item, bins, sides, corner = right
     given = np.moveaxis(np.asarray(items), -1, 0)
 
     def damaged(what, **changes):
-        leaves = {"item": item, "bins": bins, "sides": sides, "corner": corner} | changes
+        wrong = right._replace(**changes)
         with pytest.raises(InvalidPackingError, match=what):
-            check_online((6, 6, 6), TURNS["upright"], True, given, **leaves)
+            check_online((6, 6, 6), TURNS["upright"], True, given, wrong)
 
     twice, early = item.copy(), item.copy()
     twice[0, 1] = 0
@@ -226,12 +229,12 @@ def test_the_check_finds_what_is_wrong():
     damaged("outside", corner=out)
     later = bins.copy()
     later[0, 0] = 1
-    damaged("opened again", bins=later)
+    damaged("opened again", bin=later)
     tower = np.array([[[1, 1, 1], [3, 1, 1]]])
     on_one_end = np.array([[[0, 0, 0], [0, 0, 1]]])
+    laid = Played(np.array([[0, 1]]), np.zeros((1, 2), int), tower, on_one_end)
     with pytest.raises(InvalidPackingError, match="stands firm"):
-        check_online((6, 6, 6), TURNS["upright"], True, tower, np.array([[0, 1]]),
-                     np.zeros((1, 2), int), tower, on_one_end)  # fmt: skip
+        check_online((6, 6, 6), TURNS["upright"], True, tower, laid)
 
 
 def test_what_footprints_find():

@@ -10,7 +10,7 @@ import pytest
 from jaxpack.learning.online_training import (
     LANES,
     OnlineConfig,
-    Played,
+    Steps,
     init_online,
     online_update,
     reflected,
@@ -23,7 +23,7 @@ from jaxpack.search.online import by_rule, play, value_rule
 
 def played(value, gain, fits):
     nothing = jnp.zeros((*value.shape[:2], 1, 1, value.shape[2]))
-    return Played(nothing, nothing, value, gain, fits, value)
+    return Steps(nothing, nothing, value, gain, fits, value)
 
 
 @pytest.mark.parametrize("trace", [0.0, 0.7, 1.0])

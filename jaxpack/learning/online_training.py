@@ -49,7 +49,7 @@ class OnlineState(NamedTuple):
     update: Array  # int32[], updates done
 
 
-class Played(NamedTuple):
+class Steps(NamedTuple):
     """T steps of bins: [T, LANES], but for heights and firm [T, L, W, LANES]."""
 
     heights: Array
@@ -102,19 +102,19 @@ def online_update(config: OnlineConfig, state: OnlineState) -> tuple[OnlineState
 
 def _fill(
     config: OnlineConfig, params: Params, bins: State, used: Array, key: Array
-) -> tuple[tuple[State, Array], Played]:
+) -> tuple[tuple[State, Array], Steps]:
     """Each of LANES bins takes some items; one that has no place for its next item is emptied."""
     setting = config.setting
     volume = setting.problem.bin[0] * setting.problem.bin[1] * setting.problem.bin[2]
     fresh = empty(setting, LANES)
 
-    def one(now: tuple[State, Array], key: Array) -> tuple[tuple[State, Array], Played]:
+    def one(now: tuple[State, Array], key: Array) -> tuple[tuple[State, Array], Steps]:
         bins, used = now
         items = jax.random.randint(key, (3, LANES), 1, setting.high + 1)
         step: Step = greedy_step(setting, params, bins, items)
         gain = jnp.where(step.fits, items.prod(0) / volume, 0)
         full = jnp.where(step.fits, -1.0, used)
-        played = Played(step.heights, step.firm, step.value, gain, step.fits, full)
+        played = Steps(step.heights, step.firm, step.value, gain, step.fits, full)
         bins = jax.tree.map(partial(jnp.where, step.fits), step.state, fresh)
         return (bins, jnp.where(step.fits, used + gain, 0)), played
 
@@ -122,7 +122,7 @@ def _fill(
 
 
 def _learn(
-    config: OnlineConfig, update: Array, key: Array, now: tuple, played: Played
+    config: OnlineConfig, update: Array, key: Array, now: tuple, played: Steps
 ) -> tuple[tuple, Array]:
     """((params, averaged, optimizer) after every minibatch, the losses)."""
     # [chunks, T, ..., LANES] -> [..., every bin that was met but the last]
@@ -158,7 +158,7 @@ def _learn(
     return jax.lax.scan(step, now, (order, sides))
 
 
-def returns(trace: float, played: Played) -> Array:
+def returns(trace: float, played: Steps) -> Array:
     """What each bin but the last is told: float32 [chunks, T - 1, LANES].
 
     The gain of the next item, and of the worth of the bin then a share `1 - trace` as the network

@@ -87,8 +87,8 @@ def unfit_hint(job: Job, item: int) -> str:
             if ways:
                 return f"it would fit turned: allow ROTATION_{ways[0]}"
         return "give a larger bin"
-    where = "MAXIMUM_WEIGHT, or last limit of BANDS," if any(one.tariff for one in bins) else ""
-    return f"give a bin with a higher {where or 'MAXIMUM_WEIGHT'} that has room for it"
+    bands = ", or last limit of BANDS," * any(one.tariff for one in bins)
+    return f"give a bin with a higher MAXIMUM_WEIGHT{bands} that has room for it"
 
 
 def scale_hint(job: Job) -> str | None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,15 +12,21 @@ from jaxpack.model.packing_check import SHOWN, InvalidPackingError
 from jaxpack.model.stability_check import off_centre, unbalanced
 
 
+class Played(NamedTuple):
+    """What went where, turn by turn; here with the sequences as the first axis, B."""
+
+    item: Any  # int [B, T], index in the sequence of what was placed; -1: nothing
+    bin: Any  # int [B, T], from 0
+    sides: Any  # int [B, T, 3], cells, as it lies
+    corner: Any  # int [B, T, 3], cells
+
+
 def check_online(
     bin: tuple[int, int, int],
     turns: Sequence[Sequence[int]],
     stable: bool,
     items: np.ndarray,
-    item: np.ndarray,
-    bins: np.ndarray,
-    sides: np.ndarray,
-    corner: np.ndarray,
+    played: Played,
     buffer: int = 1,
     density: np.ndarray | None = None,
     label: str = "",
@@ -31,9 +38,7 @@ def check_online(
         turns: which of an item's sides may lie along x, y and z.
         stable: whether an item's centre has to be over what stands firm, see `Rules.stability`.
         items: int [B, N, 3], sides in cells, in the order in which they arrive.
-        item: int [B, T], which of them was placed in each turn; -1: none.
-        bins: int [B, T], where, from 0.
-        sides, corner: int [B, T, 3], of the item as it lies.
+        played: arrays of NumPy.
         buffer: how many items there were to choose from.
         density: float [B, N] of the items. With these weights forces have to hold every stack too.
         label: whose packings they are, the first word of the message.
@@ -43,12 +48,10 @@ def check_online(
             closed, in an orientation that it may not have, out of the bin, into another one, on
             nothing, or so that it may tip.
     """
-    found = list(
-        islice(_violations(bin, turns, stable, items, item, bins, sides, corner, buffer), SHOWN)
-    )
+    found = list(islice(_violations(bin, turns, stable, items, played, buffer), SHOWN))
     if not found and density is not None:
-        boxes, rows = _boxes(bin, item, bins, sides, corner)
-        weights = (boxes.high - boxes.low).prod(1) * density[rows[0], item[rows]]
+        boxes, rows = _boxes(bin, played)
+        weights = (boxes.high - boxes.low).prod(1) * density[rows[0], played.item[rows]]
         nothing = np.zeros(len(weights), np.bool_)
         tipping = islice(unbalanced(boxes, weights, nothing), SHOWN)
         found = [f"{_where(rows, one.row)}: no forces hold it" for one in tipping]
@@ -61,13 +64,11 @@ def _violations(
     turns: Sequence[Sequence[int]],
     stable: bool,
     items: np.ndarray,
-    item: np.ndarray,
-    bins: np.ndarray,
-    sides: np.ndarray,
-    corner: np.ndarray,
+    played: Played,
     buffer: int,
 ) -> Iterator[str]:
     """Every broken rule, one line each."""
+    item, bins, sides, _ = played
     placed = item >= 0
     before: np.ndarray = np.cumsum(placed, 1) - placed
     ordered = np.sort(np.where(placed, item, -1 - np.arange(item.shape[1])), 1)
@@ -84,7 +85,7 @@ def _violations(
     for rule, where in broken.items():
         for sequence, turn in np.argwhere(where):
             yield f"sequence {sequence} turn {turn}: {rule}"
-    boxes, rows = _boxes(bin, item, bins, sides, corner)
+    boxes, rows = _boxes(bin, played)
     for finding in misplaced(boxes, Fraction(0), True):
         yield f"{_where(rows, finding.row)}: {finding.rule}"
     if stable:
@@ -93,13 +94,10 @@ def _violations(
 
 
 def _boxes(
-    bin: tuple[int, int, int],
-    item: np.ndarray,
-    bins: np.ndarray,
-    sides: np.ndarray,
-    corner: np.ndarray,
+    bin: tuple[int, int, int], played: Played
 ) -> tuple[Boxes, tuple[np.ndarray, np.ndarray]]:
     """(the items that were placed, the sequence and the turn of each)."""
+    item, bins, sides, corner = played
     rows = np.nonzero(item >= 0)
     low = corner[rows].astype(np.int64)
     number = rows[0] * (int(bins.max(initial=0)) + 1) + bins[rows]

@@ -19,6 +19,7 @@ from jax import Array
 from jaxpack.errors import UserError
 from jaxpack.learning.online_value import NOWHERE, worth
 from jaxpack.learning.parameters import Params
+from jaxpack.model.online_check import Played
 from jaxpack.packing.online import Offers, Setting, State, chosen, empty, look, place
 from jaxpack.packing.online_view import Places, fits, places, roughness
 from jaxpack.xla.programs import apart
@@ -192,15 +193,6 @@ def _at(cells: Array, number: Array) -> Array:
     return jnp.take_along_axis(cells.reshape(-1, len(number)), number[None], 0)[0]
 
 
-class Played(NamedTuple):
-    """What went where, in T turns of B sequences."""
-
-    item: Array  # int32 [T, B], index in the sequence; -1: nothing was placed
-    bin: Array  # int32 [T, B], from 0
-    sides: Array  # int32 [T, 3, B], cells, as it lies
-    corner: Array  # int32 [T, 3, B], cells
-
-
 class _Now(NamedTuple):
     turn: Array
     state: State
@@ -235,7 +227,8 @@ def play(
             otherwise the sequence ends there.
 
     Returns:
-        As many turns as there are items, twice as many with `many` bins.
+        int32, the sequences as the last axis: [T, B] and [T, 3, B]. As many turns as there are
+        items, twice as many with `many` bins.
     """
     N, _, B = items.shape
     turns = 2 * N if many else N
