@@ -22,6 +22,7 @@ from jaxpack.model.metrics import bins_first_cost
 from jaxpack.model.problem import Instance, in_orientation
 from jaxpack.packing.env import compact, decisions_of, observe, reset, step
 from jaxpack.packing.height_map import empty_map, lowest, rest
+from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.table import Table, footprints, rests, rests_in_a_loop, surroundings
 
 PROBLEMS = {
@@ -249,6 +250,20 @@ def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
         jnp.stack(kept.kinds.sides)[:, kept.remaining > 0],
     )
     assert (kept.remaining.sum(0) == state.remaining.sum(0)).all()
+
+
+@pytest.mark.parametrize("most", [None, 40])
+def test_what_fills_whole_bins_leaves_nothing_over(most):
+    """However it is summed: rounded down, it would be nearly a bin."""
+    problem = replace(PAPER_2D, surface="faces", most=most) if most else PAPER_2D
+    instances = sample(problem, Distribution(40, 1, 5), jax.random.key(5), 4000)
+    volume = np.asarray(instances.size).prod(-1).sum(1)
+    over = volume % 100 / 100
+    view = view_of(problem)
+    see = jax.jit(lambda some: look(NETWORK, view, reset(view, batch_last(some), 25)).context[:, 3])
+    for size in (4000, 40):  # programs sum in orders of their own
+        some = jax.tree.map(lambda leaf, size=size: leaf[:size], instances)
+        np.testing.assert_allclose(see(some), over[:size], atol=1e-4)
 
 
 TINY = TrainConfig(

@@ -110,8 +110,10 @@ def _context_features(network: "BinAwareConfig", state: State, choices: Choices)
     remaining = state.remaining * kinds.share
     volume = remaining * length * width * height / capacity
     left = volume.sum(0)
+    # A whole number of bins leaves nothing over, in whatever order a program has summed them.
+    over = left - jnp.floor(left + 5e-5)
     shares = [
-        state.used / capacity, left / 4, jnp.minimum(left, 1), left - jnp.floor(left),
+        state.used / capacity, left / 4, jnp.minimum(left, 1), over,
         outline.highest / ceiling, outline.volume / capacity,
         remaining.sum(0) / 40, state.used == 0,
     ]  # fmt: skip
