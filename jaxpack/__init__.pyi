@@ -37,6 +37,8 @@ from jaxpack.model.problem import make_instance as make_instance
 from jaxpack.model.rules import Rules as Rules
 from jaxpack.model.tariff import Tariff as Tariff
 from jaxpack.packing.env import Choice as Choice
+from jaxpack.packing.env import Decisions as Decisions
+from jaxpack.packing.env import choice_of as choice_of
 from jaxpack.packing.env import observe as observe
 from jaxpack.packing.env import positions as positions
 from jaxpack.packing.env import reset as reset

@@ -85,7 +85,7 @@ class EvaluateOptions:
     """Skip the independent check of every packing."""
     rule: str = "lowest"
     """Which of its allowed positions an item takes: lowest (the paper's), nearest-corner,
-    most-contact or least-wasted. Policies see the lowest."""
+    far-corner, most-contact or least-wasted. Policies see its positions."""
     objective: str = "bins"
     """What the methods that search minimise: bins (bins, then C, then P) or paper (R)."""
     time_limit: float | None = None

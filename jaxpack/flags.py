@@ -35,8 +35,8 @@ class HowToPack(RuleFlags):
     column PROFIT) or height (in one bin, low; its own may be open). Not given, price if bins have
     a COST, otherwise bins."""
     rule: str = Rules.rule
-    """Which of its allowed positions an item takes: lowest, nearest-corner, most-contact or
-    least-wasted."""
+    """Which of its allowed positions an item takes: lowest, nearest-corner, far-corner,
+    most-contact or least-wasted."""
     ignore: UseAppendAction[tuple[str, ...]] = ()
     """A column of the files that need not be obeyed; may be given several times."""
 

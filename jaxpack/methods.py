@@ -15,6 +15,7 @@ from jaxpack.learning.networks import NETWORKS
 from jaxpack.learning.recipe import Policy
 from jaxpack.model.objectives import grid_costs
 from jaxpack.model.problem import Instance, Problem
+from jaxpack.packing.env import Decisions
 from jaxpack.search.bin_by_bin import bin_by_bin, orders_found
 from jaxpack.search.breeding import BrkgaConfig
 from jaxpack.search.brkga import genetic
@@ -156,7 +157,7 @@ def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> 
     def decide(instances: Instance, keys: Array | None = None) -> Any:
         network = policy.config.policy
         decided = network.orders(problem, policy.params, instances, keys, options.kinds)
-        return decided.order if instances.turned is None else decided
+        return _least(instances, decided)
 
     def greedy(keys: Array, instances: Instance) -> Any:
         return decide(instances)
@@ -165,6 +166,12 @@ def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> 
         return decide(instances, keys)
 
     return greedy, draw
+
+
+def _least(instances: Instance, decisions: Decisions) -> Any:
+    """Orders alone where nothing else was decided."""
+    alone = instances.turned is None and decisions.place is None
+    return decisions.order if alone else decisions
 
 
 def _best_of(problem: Problem, draw: Draw, samples: int, objective: Objective) -> Method:
@@ -190,7 +197,7 @@ def _beam(
         costs = jax.vmap(objective)(repeated, pack_orders(problem, repeated, orders))
         return jax.tree.map(lambda leaf: leaf[jnp.argmin(costs)], orders)
 
-    return jax.vmap(best)(instances, beams.order if instances.turned is None else beams)
+    return jax.vmap(best)(instances, _least(instances, beams))
 
 
 def _brkga(problem: Problem, options: MethodOptions) -> Search:

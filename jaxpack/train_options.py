@@ -107,6 +107,9 @@ class TrainOptions:
     """Weight of pyramid in the cost."""
     hidden: str | None = None
     """Width of the network."""
+    positions: str | None = None
+    """Position rules among which the policy chooses beside the problem's, separated by commas:
+    nearest-corner, far-corner, least-wasted, most-contact (slow); bin-aware only."""
     chunk: int = 20
     """Updates per dispatch and per line of metrics.jsonl, at most."""
     checkpoint_every: int = 100
@@ -199,6 +202,10 @@ def make_recipe(
     policy = recipe.policy
     if "hidden" in numbers:
         policy = replace(policy, hidden=numbers["hidden"])
+    if options.positions is not None:
+        if not hasattr(policy, "positions"):
+            raise UserError(f"--positions: {options.preset} chooses none, use bin-aware")
+        policy = replace(policy, positions=tuple(options.positions.split(",")))
     problem, distribution = make_distribution(options, recipe, numbers, orders)
     if orders:
         recipe = replace(recipe, halves=0, others=())

@@ -34,8 +34,8 @@ from jaxpack.learning.parameters import Params
 from jaxpack.learning.recipe import Policy, TrainConfig
 from jaxpack.learning.trainer import ChunkMetrics, train_chunk, validation_set
 from jaxpack.model.metrics import bins_used, compactness, pyramid
-from jaxpack.model.problem import Instance, Packing, in_orientation
-from jaxpack.packing.first_fit import pack
+from jaxpack.model.problem import Instance, Packing
+from jaxpack.packing.first_fit import pack_decisions
 from jaxpack.xla.devices import (
     PART,
     WHOLE,
@@ -198,16 +198,15 @@ def pack_greedily(
     """What the greedy policy makes of instances (leaves [B, ...]): the instances as it turned them,
     the orders int32 [B, N], the packings, and what they are like, [B] each by name.
     """
-    orders, turns = config.policy.orders(config.problem, params, instances, kinds=config.kinds)
-    instances = jax.vmap(in_orientation)(instances, turns)
-    packing = jax.vmap(partial(pack, config.problem))(instances, orders)
+    decided = config.policy.orders(config.problem, params, instances, kinds=config.kinds)
+    instances, packing = pack_decisions(config.problem, instances, decided)
     measures = {
         "cost": jax.vmap(config.cost)(instances, packing),
         "compactness": jax.vmap(compactness)(instances, packing),
         "pyramid": jax.vmap(pyramid)(packing),
         "bins": jax.vmap(bins_used)(packing),
     }
-    return instances, orders, packing, measures
+    return instances, decided.order, packing, measures
 
 
 def validation_means(

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache, partial
-from itertools import permutations
+from itertools import permutations, product
 
 import chex
 import jax
@@ -19,8 +19,19 @@ from jaxpack.learning.presets import PAPER_2D, PAPER_3D
 from jaxpack.learning.trainer import policy_gradient
 from jaxpack.model.instances import sample
 from jaxpack.model.metrics import bins_first_cost
+from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, in_orientation
-from jaxpack.packing.env import compact, decisions_of, observe, reset, step
+from jaxpack.packing.env import (
+    Choice,
+    Decisions,
+    choice_of,
+    compact,
+    decisions_of,
+    observe,
+    reset,
+    step,
+)
+from jaxpack.packing.first_fit import pack_decisions
 from jaxpack.packing.height_map import empty_map, lowest, rest
 from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.table import Table, footprints, rests, rests_in_a_loop, surroundings
@@ -91,7 +102,7 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
         instances = may_turn(problem, instances)
     states, _, label, corner, way = random_play(problem, items, None)(jax.random.key(1), instances)
     opened = states.opened
-    orders, chosen = decisions_of(first_of(states.kinds), label, way)
+    orders, chosen, _ = decisions_of(first_of(states.kinds), Choice(label, way))
     orders = np.asarray(orders)
     assert (np.sort(orders, 1) == np.arange(items)).all()
     if turns:
@@ -145,7 +156,7 @@ def test_surroundings_are_what_a_look_cell_by_cell_finds(name):
     wall = np.iinfo(empty.dtype).max
     heights = np.where(empty == wall, wall, rng.integers(0, 4, empty.shape)).astype(empty.dtype)
     heights = np.where(empty == wall, wall, np.minimum(heights, np.asarray(bins)[2]))
-    at = rests(problem, jnp.asarray(heights))
+    (at,) = rests(problem, jnp.asarray(heights), bins)
     chex.assert_trees_all_equal(at, rests_in_a_loop(problem, jnp.asarray(heights)))
     around = surroundings(problem, jnp.asarray(heights), bins, at)
     checked = 0
@@ -188,7 +199,9 @@ def test_probabilities_are_over_what_fits_and_sum_to_one(attention):
     states, choices = few_played(problem, 9, 50)
 
     def log_probs(state):
-        return scores(config, params, look(config, Table(problem), state))
+        return scores(
+            config, params, look(config, Table(problem), state, observe(Table(problem), state))
+        )
 
     found = np.asarray(jax.jit(jax.vmap(log_probs))(states))  # [steps, K, B]
     fits = np.asarray(choices.allowed)
@@ -252,6 +265,39 @@ def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
     assert (kept.remaining.sum(0) == state.remaining.sum(0)).all()
 
 
+@pytest.mark.parametrize("name", ["2d", "3d"])
+def test_a_policy_of_orders_is_one_of_positions_that_has_one_to_choose(name):
+    """Of a rule that is named twice the second position is never another."""
+    problem, network = PROBLEMS[name], replace(NETWORK, attention=4)
+    instances = may_turn(problem, sample(problem, Distribution(ITEMS, 1, 4), jax.random.key(5), 40))
+    params = init_network(network, problem, jax.random.key(0))
+    params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
+    found = {}
+    for positions in ((), (problem.rule,)):
+        chooses = replace(network, positions=positions)
+        greedy = chooses.orders(problem, params, instances)
+        beams = chooses.beams(problem, params, instances, 3)
+        first = jax.tree.map(lambda leaf: leaf[:, 0], beams)
+        packed = [pack_decisions(problem, instances, decided)[1] for decided in (greedy, first)]
+        found[positions] = (greedy[:2], beams[:2], packed)
+        assert (greedy.place is None) == (beams.place is None) == (not positions)
+    jax.tree.map(np.testing.assert_array_equal, *found.values())
+
+
+@pytest.mark.parametrize("positions", [("far-corner",), ("least-wasted", "most-contact")])
+def test_a_policy_of_positions_packs_where_it_says(positions):
+    problem, network = PROBLEMS["3d"], replace(NETWORK, positions=positions)
+    instances = may_turn(problem, sample(problem, Distribution(ITEMS, 1, 4), jax.random.key(5), 40))
+    params = init_network(network, problem, jax.random.key(0))
+    decided = network.orders(problem, params, instances, jax.random.split(jax.random.key(1), 40))
+    turned, packing = pack_decisions(problem, instances, decided)
+    check_packings(problem, turned, decided.order, packing, "the policy")
+    x, y, _ = jnp.moveaxis(packing.position, -1, 0)
+    np.testing.assert_array_equal(x + y * problem.bin[0], decided.place)
+    _, by_rule = pack_decisions(problem, instances, decided._replace(place=None))
+    assert (packing.position != by_rule.position).any()
+
+
 @pytest.mark.parametrize("most", [None, 40])
 def test_what_fills_whole_bins_leaves_nothing_over(most):
     """However it is summed: rounded down, it would be nearly a bin."""
@@ -260,7 +306,12 @@ def test_what_fills_whole_bins_leaves_nothing_over(most):
     volume = np.asarray(instances.size).prod(-1).sum(1)
     over = volume % 100 / 100
     view = view_of(problem)
-    see = jax.jit(lambda some: look(NETWORK, view, reset(view, batch_last(some), 25)).context[:, 3])
+
+    @jax.jit
+    def see(some):
+        state = reset(view, batch_last(some), 25)
+        return look(NETWORK, view, state, observe(view, state)).context[:, 3]
+
     for size in (4000, 40):  # programs sum in orders of their own
         some = jax.tree.map(lambda leaf, size=size: leaf[:size], instances)
         np.testing.assert_allclose(see(some), over[:size], atol=1e-4)
@@ -282,45 +333,60 @@ TINY = TrainConfig(
 
 
 @pytest.mark.parametrize(
-    ("learner", "loss_steps"),
-    [("leave-one-out", 1.0), ("leave-one-out-by-bin", 1.0), ("leave-one-out-by-bin", 1 / 3)],
+    ("learner", "loss_steps", "positions"),
+    [
+        ("leave-one-out", 1.0, ()),
+        ("leave-one-out-by-bin", 1.0, ()),
+        ("leave-one-out-by-bin", 1 / 3, ()),
+        ("leave-one-out", 1.0, ("far-corner",)),
+    ],
 )
-def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps):
+def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps, positions):
     config = replace(TINY, learner=learner, beta=0.0, loss_steps=loss_steps)
-    problem, network = config.problem, config.policy
+    problem, network = config.problem, replace(config.policy, positions=positions)
+    config = replace(config, policy=network)
     params = init_network(network, problem, jax.random.key(1))
     params["score"] = 2 * jax.random.normal(jax.random.key(2), params["score"].shape)
     one = Instance(
         jnp.asarray([[3, 1, 2], [2, 1, 3], [1, 1, 2]]), jnp.ones(3, bool), jnp.asarray([4, 1, 4])
     )
 
-    orders = jnp.asarray(list(permutations(range(3))))
+    ways = product(permutations(range(3)), product(range(1 + len(positions)), repeat=3))
+    orders, rules = (jnp.asarray(column) for column in zip(*ways, strict=True))
 
-    def probability(params, order):
-        """Of a whole order, choice by choice: zero where a choice does not fit."""
-        view = Table(problem)
+    def probability(params, way):
+        """Of a whole order and its rules, choice by choice: zero where a choice does not fit."""
+        view = Table(problem, more=positions)
         state = reset(view, jax.tree.map(lambda leaf: leaf[..., None], one))
-        total = jnp.float32(1)
-        for item in order:
-            sight = look(network, view, state)
+        total, places = jnp.float32(1), jnp.full(3, -1)
+        for item, rule in zip(*way, strict=True):
+            choices = observe(view, state)
+            sight = look(network, view, state, choices)
             kind = jnp.argmax(state.kinds.items[:, 0] == item)  # three kinds, an item each
+            row = kind + 3 * rule
             found = scores(network, params, sight)
-            total *= jnp.where(sight.fits[kind, 0], jnp.exp(found[kind, 0]), 0)
-            state = step(view, state, state.kinds.choice(kind[None].astype(jnp.int32)))
-        return total
+            total *= jnp.where(sight.fits[row, 0], jnp.exp(found[row, 0]), 0)
+            choice = choice_of(view, state, choices, row[None].astype(jnp.int32))
+            if choice.position is not None:
+                places = places.at[item].set(choice.position[0][0])
+            state = step(view, state, choice)
+        return total, places
 
+    played = jax.jit(lambda ways: jax.lax.map(partial(probability, params), ways))
+    _, places = played((orders, rules))
     repeated = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(orders)), one)
-    costs = jax.vmap(config.cost)(repeated, packer(problem)(repeated, orders))
+    decided = Decisions(orders, jnp.zeros_like(orders), places if positions else None)
+    costs = jax.vmap(config.cost)(*pack_decisions(problem, repeated, decided))
 
     @jax.jit
     @partial(jax.grad, has_aux=True)
     def expected_cost(params):
-        chances = jax.lax.map(partial(probability, params), orders)
+        chances, _ = jax.lax.map(partial(probability, params), (orders, rules))
         return (chances * costs).sum(), chances
 
     exact, chances = expected_cost(params)
     assert chances.sum() == pytest.approx(1, abs=1e-5)
-    assert 2 <= (chances > 0).sum() < 6, "every order is possible, or only one"
+    assert 2 <= (chances > 0).sum() < len(orders), "every order is possible, or only one"
     assert len(set(np.asarray(costs)[np.asarray(chances) > 0].tolist())) > 1
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (config.batch, *leaf.shape)), one)
     sampled = jax.jit(partial(policy_gradient, config))

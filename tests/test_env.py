@@ -7,13 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import packer
+from cases import packer, random_cases
 
 from jaxpack import (
     Choice,
+    Decisions,
     Distribution,
     Problem,
     Table,
+    choice_of,
     load_policy,
     observe,
     positions,
@@ -25,8 +27,11 @@ from jaxpack.model.instances import sample
 from jaxpack.model.packing_check import check_packings
 from jaxpack.model.problem import Instance, Packing, in_orientation
 from jaxpack.packing.env import decisions_of
+from jaxpack.packing.first_fit import pack_decisions
 from jaxpack.packing.height_map import HeightMap
+from jaxpack.packing.rules import RULES
 from jaxpack.packing.surface_view import SurfaceView, blocks_of_cells, view_of
+from jaxpack.packing.table import OF_FOOTPRINTS
 
 PROBLEM = Problem(bin=(7, 6, 8), largest=(4, 4))
 ITEMS, BATCH = 14, 16
@@ -43,9 +48,14 @@ def batch_last(instances):
 
 
 @cache
+def pack_all(problem):
+    return jax.jit(partial(pack_decisions, problem))
+
+
+@cache
 def player(view, free):
-    """A random policy: instances, key -> (kinds, the end, (kind, orientation, bin, corner) of
-    every step). Where it is `free` it chooses the position too, and not the rule.
+    """A random policy: instances, key -> (kinds, the end, (choice, bin, corner) of every step).
+    Where it is `free` it chooses among all positions, and not among those of the rules.
     """
 
     def play(instances, key):
@@ -55,7 +65,7 @@ def player(view, free):
             keys, choices = jax.random.split(key), observe(view, state)
             allowed = choices.allowed
             row = jnp.argmax(jax.random.uniform(keys[0], allowed.shape) * allowed, 0)
-            choice, done = state.kinds.choice(row), ~allowed.any(0)
+            choice, done = choice_of(view, state, choices, row), ~allowed.any(0)
             corner = [jnp.take_along_axis(c, row[None], 0)[0] for c in choices.candidates.corner]
             if free:
                 places = positions(view, state, choice.kind, choice.orientation)
@@ -65,9 +75,8 @@ def player(view, free):
                 x, y = (jnp.broadcast_to(at, noise.shape)[i, j, lane] for at in places[:2])
                 choice = choice._replace(position=(x, y))
                 corner = [x, y, places.z[i, j, lane]]
-            kind = jnp.where(done, items, choice.kind)
-            seen = kind, choice.orientation, state.opened - 1, jnp.stack(corner, -1)
-            return step(view, state, choice), seen
+            noted = choice._replace(kind=jnp.where(done, items, choice.kind))
+            return step(view, state, choice), (noted, state.opened - 1, jnp.stack(corner, -1))
 
         start = reset(view, batch_last(instances))
         return start.kinds, *jax.lax.scan(turn, start, jax.random.split(key, items))
@@ -77,10 +86,11 @@ def player(view, free):
 
 def checked(problem, instances, played, label):
     """(order, turned instances, packing) of what was played, which keeps every rule."""
-    kinds, end, (kind, orientation, bins, corners) = played
+    kinds, end, (choices, bins, corners) = played
     assert not np.asarray(end.remaining).any()
-    order, orientation = decisions_of(kinds, kind, orientation)
-    turned = jax.vmap(in_orientation)(instances, orientation)
+    decisions = decisions_of(kinds, choices)
+    order, orientation, _ = decisions
+    turned, replayed = pack_all(problem)(instances, decisions)
     batch, items = instances.mask.shape
     lane = np.arange(batch)[:, None]
     nothing = np.zeros((batch, items), int)
@@ -89,6 +99,7 @@ def checked(problem, instances, played, label):
     position[lane, order] = np.asarray(corners).swapaxes(0, 1)
     packing = Packing(bin, position, nothing, nothing, nothing)
     check_packings(problem, turned, order, packing, label)
+    assert same(packing, replayed), "what was decided packs to what was played"
     assert (np.asarray(orientation) > 0).any()
     return order, turned, packing
 
@@ -100,16 +111,32 @@ def same(packing, other):
     )
 
 
+@pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize(
-    ("rule", "free"), [("lowest", False), ("lowest", True), ("nearest-corner", False)]
+    ("rule", "more"),
+    [
+        ("lowest", ()),
+        ("lowest", OF_FOOTPRINTS),
+        ("nearest-corner", ()),
+        ("nearest-corner", ("most-contact",)),
+    ],
 )
-def test_a_random_policy_packs_by_the_rules(rule, free):
+def test_a_random_policy_packs_by_the_rules(rule, more, free):
     problem = replace(PROBLEM, rule=rule)
     instances = sample(problem, CUBES, jax.random.key(0), BATCH)
-    played = player(view_of(problem), free)(instances, jax.random.key(1))
+    played = player(view_of(problem, more), free)(instances, jax.random.key(1))
     order, turned, packing = checked(problem, instances, played, "the random policy")
     # `pack` fills in the rule's positions, and only those.
-    assert same(packing, packer(problem)(turned, order)) == (not free)
+    assert same(packing, packer(problem)(turned, order)) == (not free and not more)
+
+
+def test_no_place_of_its_own_is_the_place_of_the_rule():
+    instances, orders = random_cases(PROBLEM, 3, 64, ITEMS)
+    by_rule = packer(PROBLEM)(instances, orders)
+    decide = partial(Decisions, orders, np.zeros_like(orders))
+    for place in (None, np.full_like(orders, -1), np.full_like(orders, 7 * 6)):  # beyond the bin
+        _, packing = pack_all(PROBLEM)(instances, decide(place))
+        jax.tree.map(np.testing.assert_array_equal, packing, by_rule)
 
 
 def test_what_is_not_allowed_changes_nothing():
@@ -129,9 +156,17 @@ def test_what_is_not_allowed_changes_nothing():
 
 
 @pytest.mark.parametrize("bin", [(10, 1, 9), (6, 5, 7)])
-def test_any_surface_shows_what_the_table_shows(bin):
+@pytest.mark.parametrize("more", [(), OF_FOOTPRINTS])
+def test_any_surface_shows_what_the_table_shows(bin, more):
+    """What lies beyond the ceiling the table does not replace by what else the rule would like."""
     problem = Problem(bin=bin, largest=(4, min(bin[1], 4)), inclusive=False)
-    views = Table(problem), SurfaceView(HeightMap(problem), blocks_of_cells, inclusive=False)
+    any_surface = SurfaceView(
+        HeightMap(problem),
+        blocks_of_cells,
+        inclusive=False,
+        more=tuple(RULES[name] for name in more),
+    )
+    views = Table(problem, more=more), any_surface
     instances = batch_last(sample(problem, Distribution(18, 1, 4, "all"), jax.random.key(2), 24))
     states = [reset(view, instances) for view in views]
     looks = [jax.jit(partial(observe, view)) for view in views]
@@ -140,6 +175,7 @@ def test_any_surface_shows_what_the_table_shows(bin):
     for number in range(18):
         table, other = (look(state) for look, state in zip(looks, states, strict=True))
         present = np.asarray(states[0].remaining > 0)
+        present = np.concatenate([present, np.asarray(table.allowed)[len(present) :]])
         jax.tree.map(
             lambda ours, theirs, at=present: np.testing.assert_array_equal(
                 np.asarray(ours)[at], np.asarray(theirs)[at]
@@ -152,7 +188,8 @@ def test_any_surface_shows_what_the_table_shows(bin):
         noise = jax.random.uniform(jax.random.key(number), present.shape)
         row = jnp.argmax(noise * table.allowed, 0)
         states = [
-            go(state, state.kinds.choice(row)) for go, state in zip(steps, states, strict=True)
+            go(state, choice_of(views[0], state, table, row))
+            for go, state in zip(steps, states, strict=True)
         ]
     assert 0.3 < resting / waiting < 0.99, "all of it rests, or nothing: the test shows little"
 
@@ -172,10 +209,13 @@ def pallets(count, items, scale=1):
 def test_orders_in_millimetres_need_no_grid(free, stability):
     instances = pallets(3, 18)
     problem = replace(without_grid(18), stability=stability)
-    played = player(view_of(problem), free)(instances, jax.random.key(1))
-    order, turned, packing = checked(problem, instances, played, "the random policy")
-    assert packing.bin.max() > 0
-    assert same(packing, packer(problem)(turned, order)) == (not free)
+    more = () if free else ("far-corner", "most-contact")
+    for rules in {(), more}:
+        played = player(view_of(problem, rules), free)(instances, jax.random.key(1))
+        order, turned, packing = checked(problem, instances, played, "the random policy")
+        assert packing.bin.max() > 0
+        alike = same(packing, packer(problem)(turned, order))
+        assert alike == (not free and not rules)
 
 
 def test_what_lies_off_its_centre_is_not_allowed():

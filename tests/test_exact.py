@@ -53,6 +53,7 @@ def distance(corner, size, boxes, room):
 KEYS = {  # name of a rule -> what it looks at, the most important first
     "lowest": lambda *at: (at[0][2],),
     "nearest-corner": lambda *at: (at[0][2], distance(*at)),
+    "far-corner": lambda *at: (at[0][2], -at[0][1], -at[0][0]),
     "most-contact": lambda *at: (-contact(*at), at[0][2]),
     "least-wasted": lambda *at: (waste(*at), at[0][2]),
 }

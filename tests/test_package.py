@@ -73,7 +73,7 @@ def test_every_name_is_there_for_a_program_and_for_a_type_checker():
 
 
 # Made for jit: they refuse nothing.
-PURE = {"sample", "make_train", "reset", "observe", "positions", "step"}
+PURE = {"sample", "make_train", "reset", "observe", "positions", "choice_of", "step"}
 
 
 @pytest.mark.parametrize("name", PUBLIC)

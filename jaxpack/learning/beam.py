@@ -14,7 +14,16 @@ from jax import Array
 from jaxpack.learning.bin_network import look, scores
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.env import Choice, Decisions, State, decisions_of, reset, step
+from jaxpack.packing.env import (
+    Choice,
+    Decisions,
+    State,
+    choice_of,
+    decisions_of,
+    observe,
+    reset,
+    step,
+)
 from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.view import View
 from jaxpack.xla.pieces import in_pieces
@@ -32,7 +41,7 @@ def beam_orders(
     kinds: int | None = None,
 ) -> Decisions:
     """Where the beams end, slot 0 the greedy one: leaves [B, width, N]. See `Network`."""
-    view = view_of(problem)
+    view = view_of(problem, network.positions)
 
     def decide(piece: Instance) -> Decisions:
         return _beams(network, view, params, piece, width, kinds)
@@ -54,14 +63,16 @@ def _beams(
     last = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), repeated)
     # The kinds are the same for all slots of an instance: they need not go with what is chosen.
     fixed, *moving = reset(view, last, kinds)
-    K = fixed.kind.shape[0]
+    K = view.rules * len(fixed.kind)
     # At first all slots but the first are empty: their one state must not be taken width times.
     total = jnp.where(jnp.arange(width) == 0, 0.0, MASKED * items)
     total = jnp.broadcast_to(total, (batch, width))
 
     def advance(carry: tuple, index: Array) -> tuple[tuple, None]:
         moving, total, chosen = carry
-        sight = look(network, view, State(fixed, *moving))
+        state = State(fixed, *moving)
+        choices = observe(view, state)
+        sight = look(network, view, state, choices)
         log_probs = scores(network, params, sight)
         done = ~sight.fits.any(0)
         # A finished packing goes on as it is: one continuation, free.
@@ -69,17 +80,21 @@ def _beams(
         after = total[:, :, None] + log_probs.T.reshape(batch, width, K)
         parent, row, total = _monotone(after)
         source = (jnp.arange(batch)[:, None] * width + parent).reshape(-1)
-        moving, chosen, done = jax.tree.map(lambda leaf: leaf[..., source], (moving, chosen, done))
-        choice = fixed.choice(row.reshape(-1))
-        _, *moving = step(view, State(fixed, *moving), choice)
-        now = Choice(jnp.where(done, items, choice.kind), choice.orientation)
+        moving, choices, chosen, done = jax.tree.map(
+            lambda leaf: leaf[..., source], (moving, choices, chosen, done)
+        )
+        state = State(fixed, *moving)
+        choice = choice_of(view, state, choices, row.reshape(-1))
+        _, *moving = step(view, state, choice)
+        now = choice._replace(kind=jnp.where(done, items, choice.kind))
         chosen = jax.tree.map(lambda column, one: column.at[index].set(one), chosen, now)
         return (moving, total, chosen), None
 
     nothing = jnp.full((items, lanes), items, jnp.int32)
-    start: Any = (moving, total, Choice(nothing, nothing))
+    corner = (nothing.astype(view.dtype),) * 2 if view.rules > 1 else None
+    start: Any = (moving, total, Choice(nothing, nothing, corner))
     (_, _, chosen), _ = jax.lax.scan(advance, start, jnp.arange(items))
-    decisions = decisions_of(fixed, chosen.kind, chosen.orientation)
+    decisions = decisions_of(fixed, chosen)
     return jax.tree.map(lambda leaf: leaf.reshape(batch, width, items), decisions)
 
 

@@ -8,6 +8,7 @@ from jaxpack.learning.beam import beam_orders
 from jaxpack.learning.bin_gradients import bin_aware_gradient
 from jaxpack.learning.bin_network import SEES, init_network
 from jaxpack.learning.rollout import choose_orders
+from jaxpack.packing.rules import rule_named
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class BinAwareConfig:
     sees: str = "surroundings"  # of every candidate, see SEES
     pooling: bool = True  # rows see the means over what remains and what fits
     attention: int = 0  # heads of attention among the rows between the layers
+    positions: tuple[str, ...] = ()  # position rules among which it chooses, beside the problem's
     temperature: float = 1.0  # of the samples that a search draws; training draws at 1
     name: str = field(default="bin-aware", init=False)
     searches: ClassVar[tuple[str, ...]] = ("best-of-N", "beam-N", "search")
@@ -29,6 +31,10 @@ class BinAwareConfig:
     def __post_init__(self) -> None:
         if self.sees not in SEES:
             raise UserError(f"sees '{self.sees}': choose {' or '.join(SEES)}")
+        for name in self.positions:
+            rule_named(name, "positions")
+        if len(set(self.positions)) < len(self.positions):
+            raise UserError(f"positions {','.join(self.positions)}: name every rule once")
         check_counts(self, "hidden", most=1 << 16)
         if not self.temperature > 0:
             raise UserError(f"temperature {self.temperature}: give more than 0")

@@ -12,8 +12,8 @@ from jaxpack.learning.bin_network import Sight, scores
 from jaxpack.learning.losses import Outcome, judge, leave_one_out
 from jaxpack.learning.parameters import Params
 from jaxpack.learning.rollout import LANES, Trace, trace_choices
-from jaxpack.model.problem import Instance, Packing, in_orientation
-from jaxpack.packing.first_fit import pack
+from jaxpack.model.problem import Instance, Packing
+from jaxpack.packing.first_fit import pack_decisions
 from jaxpack.packing.surface_view import view_of
 from jaxpack.xla.target import target
 
@@ -42,17 +42,17 @@ def bin_aware_gradient(
     def work(total: Params, inputs: tuple[Instance, Array]) -> tuple[Params, Outcome]:
         instances, keys = inputs
         repeated = jax.tree.map(lambda leaf: jnp.repeat(leaf, samples, 0), instances)
-        (orders, turns), trace = trace_choices(
+        decided, trace = trace_choices(
             network,
-            view_of(config.problem),
+            view_of(config.problem, network.positions),
             params,
             repeated,
             keys,
             config.kinds,
             config.loss_steps,
         )
-        repeated = jax.vmap(in_orientation)(repeated, turns)
-        packings = jax.vmap(partial(pack, config.problem))(repeated, orders)
+        orders = decided.order
+        repeated, packings = pack_decisions(config.problem, repeated, decided)
         judged = jax.vmap(partial(judge, config))(repeated, packings)
         if config.learner == "self-label":
             trace, weight = _best_of_each(trace, judged[0].reshape(piece, samples))

@@ -15,7 +15,7 @@ from jax import Array
 
 from jaxpack.learning.parameters import MASKED, Params
 from jaxpack.model.problem import Problem
-from jaxpack.packing.env import Choices, State, observe
+from jaxpack.packing.env import Choices, State
 from jaxpack.packing.view import LEVELS, View
 
 if TYPE_CHECKING:
@@ -50,24 +50,28 @@ class Sight(NamedTuple):
     fits: Array  # bool [K, B]
 
 
-def look(network: "BinAwareConfig", view: View, state: State) -> Sight:
-    """What the network sees of the choices."""
-    choices = observe(view, state)
+def look(network: "BinAwareConfig", view: View, state: State, choices: Choices) -> Sight:
+    """What the network sees of the choices, from `observe`."""
     rows = _row_features(network, view, state, choices)
     context = _context_features(network, state, choices)
-    return Sight(rows, context, state.remaining, choices.allowed)
+    # Once a kind, wherever it could stand: of one rule these are all rows.
+    further = (view.rules - 1) * len(state.remaining)
+    remaining = jnp.pad(state.remaining, ((0, further), (0, 0)))
+    return Sight(rows, context, remaining, choices.allowed)
 
 
 def _row_features(network: "BinAwareConfig", view: View, state: State, choices: Choices) -> Array:
     """What each row is: float32 [K, B, R], lengths relative to the bin's sides."""
     kinds, candidates = state.kinds, choices.candidates
-    length, width, height = (side.astype(jnp.float32) for side in kinds.sides)
+    sides = [jnp.tile(side, (view.rules, 1)) for side in kinds.sides]
+    remaining = jnp.tile(state.remaining, (view.rules, 1))
+    length, width, height = (side.astype(jnp.float32) for side in sides)
     bin_x, bin_y, ceiling = kinds.bin.astype(jnp.float32)
     area, sees = jnp.maximum(length * width, 1), SEES[network.sees]
     volume = length * width * height / (bin_x * bin_y * ceiling)
     rows = [
         length / bin_x, width / bin_y, height / ceiling, 8 * volume,
-        jnp.minimum(state.remaining, 8) / 4,
+        jnp.minimum(remaining, 8) / 4,
     ]  # fmt: skip
     if sees.placement:
         x, y, z = (place.astype(jnp.float32) for place in candidates.corner)
@@ -79,9 +83,9 @@ def _row_features(network: "BinAwareConfig", view: View, state: State, choices: 
         ]  # fmt: skip
     if sees.surroundings:
         around = candidates.around
-        sides = ((around.left, width), (around.right, width),
-                 (around.front, length), (around.back, length))  # fmt: skip
-        means = [total / jnp.maximum(cells, 1) for total, cells in sides]
+        beside = ((around.left, width), (around.right, width),
+                  (around.front, length), (around.back, length))  # fmt: skip
+        means = [total / jnp.maximum(cells, 1) for total, cells in beside]
         rows += [(z - around.under / area) / ceiling]
         rows += [(mean - z) / ceiling for mean in means]
         rows += [jnp.abs(mean - top) / ceiling for mean in means]
@@ -89,14 +93,14 @@ def _row_features(network: "BinAwareConfig", view: View, state: State, choices: 
         rows += [around.gap_front / bin_y, around.gap_back / bin_y]
     if sees.stock:
         around = candidates.around
-        free = kinds.bin[2] - (candidates.corner[2] + kinds.sides[2]).astype(jnp.int32)
+        free = kinds.bin[2] - (candidates.corner[2] + sides[2]).astype(jnp.int32)
         rows += [
             _stock_at(view, axis, state, wanted) / 4
             for axis, wanted in enumerate((around.gap_right, around.gap_back, free))
         ]
         rows += [1.0 * (around.gap_right == 0), 1.0 * (around.gap_back == 0)]
     # What does not remain or does not fit has no meaning, and a wall's height for z.
-    present = state.remaining > 0
+    present = remaining > 0
     rows = [jnp.where(present, jnp.clip(row, -2, 2), 0).astype(jnp.float32) for row in rows]
     return jnp.stack(rows, -1)
 

@@ -12,7 +12,17 @@ from jax import Array
 from jaxpack.learning.bin_network import Sight, look, scores
 from jaxpack.learning.parameters import Params
 from jaxpack.model.problem import Instance, Problem
-from jaxpack.packing.env import Choice, Decisions, State, compact, decisions_of, reset, step
+from jaxpack.packing.env import (
+    Choice,
+    Decisions,
+    State,
+    choice_of,
+    compact,
+    decisions_of,
+    observe,
+    reset,
+    step,
+)
 from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.table import Table
 from jaxpack.packing.view import View
@@ -48,7 +58,9 @@ def choose_orders(
     temperature: float | None = None,
 ) -> Decisions:
     """Decisions for a batch: sampled with a typed PRNG key each, greedy without; see `Network`."""
-    return decide(network, view_of(problem), params, instances, keys, kinds, temperature)
+    return decide(
+        network, view_of(problem, network.positions), params, instances, keys, kinds, temperature
+    )
 
 
 def decide(
@@ -124,20 +136,21 @@ def _play(
     items = instances.mask.shape[1]
     ways = 1 if instances.turned is None else instances.turned.shape[2]
 
-    noise = jnp.zeros((items, *state.remaining.shape))
+    noise = jnp.zeros((items, view.rules * len(state.remaining), len(instances.mask)))
     if keys is not None:
         draw = jax.vmap(lambda key: jax.random.gumbel(key, noise.shape[:2]), out_axes=-1)
         noise = draw(keys)
 
     def play(state: State, noise: Array) -> tuple[State, Choice, tuple[Sight, Array]]:
-        sight = look(network, view, state)
+        choices = observe(view, state)
+        sight = look(network, view, state, choices)
         preference = scores(network, params, sight)
         row = jnp.argmax(preference + temperature * noise, 0).astype(jnp.int32)
-        choice = state.kinds.choice(row)
+        choice = choice_of(view, state, choices, row)
         after = step(view, state, choice)
         done = ~sight.fits.any(0)
-        chosen = Choice(jnp.where(done, items, choice.kind), choice.orientation)
-        return after, chosen, (sight, row)
+        choice = choice._replace(kind=jnp.where(done, items, choice.kind))
+        return after, choice, (sight, row)
 
     def play_only(state: State, noise: Array) -> tuple[State, Choice]:
         """Without a trace to fill, the steps after the last item has been placed cost nothing."""
@@ -146,8 +159,9 @@ def _play(
             return play(state, noise)[:2]
 
         def rest(state: State) -> tuple[State, Choice]:
-            nothing = jnp.zeros(noise.shape[1:], jnp.int32)
-            return state, Choice(nothing + items, nothing)
+            nothing = jnp.zeros(noise.shape[-1:], jnp.int32)
+            corner = (nothing.astype(view.dtype),) * 2 if view.rules > 1 else None
+            return state, Choice(nothing + items, nothing, corner)
 
         return jax.lax.cond(state.remaining.any(), turn, rest, state)
 
@@ -156,7 +170,7 @@ def _play(
     cuts = cuts if state.remaining.shape[0] > FEW_KINDS else ()
     for start, end in pairwise((0, *(round(share * items) for share in cuts), items)):
         state = compact(state, ways * (items - start))
-        noises = noise[start:end, : state.remaining.shape[0]]
+        noises = noise[start:end, : view.rules * len(state.remaining)]
         if share:
             assert keys is not None
             # A key of its own: those of the orders are used up.
@@ -167,8 +181,8 @@ def _play(
         else:
             state, choice = jax.lax.scan(play_only, state, noises)
         chosen.append(choice)
-    kind, orientation, _ = jax.tree.map(lambda *stretches: jnp.concatenate(stretches), *chosen)
-    return decisions_of(state.kinds, kind, orientation), trace
+    choices = jax.tree.map(lambda *stretches: jnp.concatenate(stretches), *chosen)
+    return decisions_of(state.kinds, choices), trace
 
 
 def _remember(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.packing.rules import Rule
+from jaxpack.packing.rules import Rule, as_decided
 from jaxpack.packing.surface import Surface, Triple
 from jaxpack.xla.programs import least
 from jaxpack.xla.target import target
@@ -34,6 +34,7 @@ class Items(NamedTuple):
     needed: Array  # integer [N, B], area of the footprint that must lie at the resting height
     waiting: Array  # bool [N, B], False for what is never packed
     weight: Array | None = None  # int32 or int64 [N, B]; None: bins are all alike, without limit
+    place: Array | None = None  # int32 [N, B], see `Decisions.place`
 
 
 class Bins(NamedTuple):
@@ -71,6 +72,7 @@ class _Item(NamedTuple):
     size: Triple
     needed: Array
     weight: Array | None  # where bins have limits
+    place: Array | None  # where items have places of their own
 
 
 class _Left(NamedTuple):
@@ -167,10 +169,11 @@ class _Turns:
 
     def turn(self, now: _Turn) -> _Turn:
         """Offers one item to one bin."""
-        (size, needed, weight), (length, width, height) = now.item, self.items.size
+        (size, needed, weight, place), (length, width, height) = now.item, self.items.size
         found, room = now.rank < self.N, now.room or self.bins.size
         candidates, state = self.surface.candidates(now.state, size, needed, room, found)
-        corner, fits = candidates.first(self.rule)
+        rule = self.rule if place is None else as_decided(self.rule, place, room[0])
+        corner, fits = candidates.first(rule)
         fits &= found
         here = (self.rank_of == now.rank) & fits
         bin, shut = jnp.where(here, now.slot, now.bin), now.shut
@@ -297,8 +300,8 @@ def _by_rank(items: Items, order: Array | None, dtype: np.dtype) -> tuple[Any, A
     tables = [jnp.stack(columns, -1)] if as_word else [jnp.stack(items.size, -1), items.needed]
     if as_word:  # XLA gathers one element after the other
         tables = [jax.lax.bitcast_convert_type(tables[0], jnp.int32)]
-    if items.weight is not None:
-        tables.append(items.weight)
+    further = [column for column in (items.weight, items.place) if column is not None]
+    tables += further
     if order is None:
         ranked, rank_of = tables, jax.lax.broadcasted_iota(dtype, (N, batch), 0)
     else:
@@ -310,7 +313,10 @@ def _by_rank(items: Items, order: Array | None, dtype: np.dtype) -> tuple[Any, A
         if as_word:
             sides = jax.lax.bitcast_convert_type(sides, columns[0].dtype)
         length, width, height, *more = (*jnp.unstack(sides, axis=-1), *rest)
-        return _Item((length, width, height), more[0], more[1] if len(more) > 1 else None)
+        needed, *more = more
+        weight = None if items.weight is None else more.pop(0)
+        place = None if items.place is None else more.pop()
+        return _Item((length, width, height), needed, weight, place)
 
     return fetched, rank_of
 

@@ -2,13 +2,14 @@
 
     state = reset(view, instances)
     choices = observe(view, state)                   # all that could be placed next, and where
-    state = step(view, state, Choice(kind, orientation))
+    state = step(view, state, choice_of(view, state, choices, row))
 
 A choice is a kind, an orientation and a position. Items of equal size are one *kind* with a count:
 there is nothing to choose between them. Where items may be turned, every orientation of a kind is a
-choice of its own. Who chooses no position gets that of the position rule; `positions` has all the
-others. When nothing that remains fits the current bin, a new one is opened. What was chosen, with
-the rule's positions, is an order (`decisions_of`), and `pack` turns it into the same packing.
+choice of its own, and so is every position of those that several rules prefer, if the view has more
+than one. Who chooses no position gets that of the first rule; `positions` has all there are. When
+nothing that remains fits the current bin, a new one is opened. What was chosen is an order with
+orientations and places (`decisions_of`), which `pack_decisions` turns into the same packing.
 
 Everything here treats trailing axes as batch ([K, B]: choices, instances side by side), because
 the kernels do: move the axis of a batch of instances to the end first. K is the number of kinds
@@ -55,9 +56,13 @@ class State(NamedTuple):
 
 
 class Choices(NamedTuple):
-    """What could be placed next: the rule's placement of every row, and the bin it would be in."""
+    """What could be placed next, and the bin it would be in.
 
-    allowed: Array  # bool [K, B], one remains and there is a position for it
+    K is here that of `Kinds` times the number of rules of the view: first the placements of all
+    rows by the first rule, then those by the second, and so on.
+    """
+
+    allowed: Array  # bool [K, B], one remains, and there is a position for it like none before
     candidates: Candidates  # of no meaning where none remains
     outline: Outline
 
@@ -71,10 +76,13 @@ class Choice(NamedTuple):
 
 
 class Decisions(NamedTuple):
-    """What a policy decided of an instance; the rule that fills in the positions does the rest."""
+    """What a policy decided of an instance; the position rule does the rest."""
 
     order: Array  # int32 [..., N], the items in the order in which they are packed
     orientation: Array  # int32 [..., N] by item, index along O of `Instance.turned`; 0 without it
+    # int32 [..., N] by item, x + y * the bin's length, of its corner; it stands there in the first
+    # bin that has any position for it, if it may. None, or -1: where the rule says.
+    place: Array | None = None
 
 
 def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
@@ -127,16 +135,39 @@ def reset(view: View, instance: Instance, kinds: int | None = None) -> State:
 
 
 def observe(view: View, state: State) -> Choices:
-    """Every choice, with the position that the rule gives it and what it would touch there.
+    """Every choice, with the positions that the rules give it and what it would touch there.
 
     Args:
         view: as `reset` had it.
         state: as `reset` or `step` returned it.
     """
     kinds = state.kinds
-    candidates = view.look(state.inside, kinds.bin, kinds.sides)
-    allowed = candidates.fits & (state.remaining > 0)
-    return Choices(allowed, candidates, view.outline(state.inside, kinds.bin))
+    by_rule = [view.look(state.inside, kinds.bin, kinds.sides, rule) for rule in range(view.rules)]
+    places = [jnp.stack(candidates.corner) for candidates in by_rule]
+    allowed = []
+    for rule, candidates in enumerate(by_rule):
+        alike = [(places[rule] == other).all(0) for other in places[:rule]]
+        new = ~jnp.stack(alike).any(0) if alike else True
+        allowed.append(candidates.fits & (state.remaining > 0) & new)
+    candidates = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *by_rule)
+    outline = view.outline(state.inside, kinds.bin)
+    return Choices(jnp.concatenate(allowed), candidates, outline)
+
+
+def choice_of(view: View, state: State, choices: Choices, row: Array) -> "Choice":
+    """The choice that a row stands for, with its position where there are several to choose from.
+
+    Args:
+        view: as `reset` had it.
+        state: as `reset` or `step` returned it.
+        choices: what `observe` said of it.
+        row: int32 [B], along K of `choices.allowed`.
+    """
+    if view.rules == 1:
+        return state.kinds.choice(row)
+    choice = state.kinds.choice(row % len(state.remaining))
+    x, y, _ = (jnp.take_along_axis(place, row[None], 0)[0] for place in choices.candidates.corner)
+    return choice._replace(position=(x, y))
 
 
 def positions(view: View, state: State, kind: Array, orientation: Array) -> Places:
@@ -214,24 +245,28 @@ def _at(places: Places, x: Array, y: Array) -> tuple[Triple, Array]:
     return (x.astype(z.dtype), y.astype(z.dtype), z), here.any((0, 1))
 
 
-def decisions_of(kinds: Kinds, chosen: Array, orientation: Array) -> Decisions:
+def decisions_of(kinds: Kinds, chosen: Choice) -> Decisions:
     """The decisions that a sequence of choices stands for, batch first: leaves [B, N].
 
     Args:
-        chosen: int32 [N, B], the kind chosen at each step, N where nothing was left.
-        orientation: int32 [N, B], of the choice of each step.
+        chosen: leaves [N, B], the choice of each step; kind N where nothing was left.
 
     Returns:
         Items that were never placed come last.
     """
     steps, member = (
-        jax.lax.broadcasted_iota(jnp.int32, chosen.shape, 0),
-        jnp.arange(chosen.shape[1]),
+        jax.lax.broadcasted_iota(jnp.int32, chosen.kind.shape, 0),
+        jnp.arange(chosen.kind.shape[1]),
     )
+    columns = [chosen.orientation]
+    if chosen.position is not None:
+        x, y = (side.astype(jnp.int32) for side in chosen.position)
+        columns.append(x + y * kinds.bin[0])
     # The j-th of the steps sorted like this placed the j-th of `Kinds.items`.
-    _, by_kind, in_turn = jax.lax.sort(
-        (chosen, steps, orientation), dimension=0, num_keys=1, is_stable=True
+    _, by_kind, *in_turn = jax.lax.sort(
+        (chosen.kind, steps, *columns), dimension=0, num_keys=1, is_stable=True
     )
-    nothing = jnp.zeros_like(chosen)
+    nothing = jnp.zeros_like(steps)
     order = nothing.at[by_kind, member].set(kinds.items)
-    return Decisions(order.T, nothing.at[kinds.items, member].set(in_turn).T)
+    by_item = [nothing.at[kinds.items, member].set(column).T for column in in_turn]
+    return Decisions(order.T, *by_item)

@@ -10,6 +10,7 @@ A turn offers one item to one bin, in every batch member its own: none waits for
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
+from typing import Any
 
 import chex
 import jax
@@ -17,8 +18,9 @@ import jax.numpy as jnp
 from jax import Array
 from jax.custom_batching import custom_vmap
 
-from jaxpack.model.problem import Instance, Packing, Problem
+from jaxpack.model.problem import Instance, Packing, Problem, in_orientation
 from jaxpack.packing.decode import Bins, Items, decode
+from jaxpack.packing.env import Decisions
 from jaxpack.packing.height_map import LARGE_WINDOW
 from jaxpack.packing.rules import rule_named
 from jaxpack.packing.surface import Triple
@@ -35,7 +37,7 @@ VECTOR, SEVERAL = 32, 4
 takes longer than a vector more, from several instances on."""
 
 
-def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
+def pack(problem: Problem, instance: Instance, order: Array, place: Array | None = None) -> Packing:
     """Packs the items in the given order, first fit, over as many bins as it takes.
 
     An item stands at the lowest of its allowed positions, of several at the least y, then x (Wang
@@ -49,6 +51,7 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
         problem: the static rules.
         instance: one instance of N items, which lie as their sizes are; see `in_orientation`.
         order: int [N], a permutation of 0..N-1; where the padding stands in it is immaterial.
+        place: int32 [N], see `Decisions`; None: all items go by the rule.
 
     Returns:
         Bins, positions and sums over every bin, int32 [N, ...] in cells (or units, of faces).
@@ -61,27 +64,45 @@ def pack(problem: Problem, instance: Instance, order: Array) -> Packing:
     chex.assert_shape([instance.mask, order], (len(instance.size),))
     chex.assert_shape(instance.size, (None, 3))
     instance = instance._replace(turned=None)
-    one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32)))
+    if place is not None:
+        chex.assert_type(place, int)
+        chex.assert_equal_shape([order, place])
+        place = place.astype(jnp.int32)
+    one = jax.tree.map(lambda leaf: leaf[None], (instance, order.astype(jnp.int32), place))
     packing = _batched(problem, target())(*one)
     return jax.tree.map(lambda leaf: leaf[0], packing)
 
 
+def pack_decisions(
+    problem: Problem, instances: Instance, decisions: Decisions
+) -> tuple[Instance, Packing]:
+    """The instances with every item turned as decided, and how they are packed: leaves [B, ...].
+
+    Args:
+        problem: the static rules.
+        instances: leaves [B, ...].
+        decisions: leaves [B, N].
+    """
+    turned = jax.vmap(in_orientation)(instances, decisions.orientation)
+    return turned, jax.vmap(partial(pack, problem))(turned, decisions.order, decisions.place)
+
+
 @cache
-def _batched(problem: Problem, made_for: Target) -> Callable[[Instance, Array], Packing]:
+def _batched(problem: Problem, made_for: Target) -> Callable[..., Packing]:
     """A packer of batches (leaves [B, ...]) in which a vmap becomes a larger B, not a new axis."""
 
     @custom_vmap
-    def packer(instance: Instance, order: Array) -> Packing:
+    def packer(instance: Instance, order: Array, place: Array | None) -> Packing:
         with traced_for(made_for):
-            return _in_pieces(problem, instance, order)
+            return _in_pieces(problem, instance, order, place)
 
     @packer.def_vmap
-    def _(size: int, batched: tuple, instance: Instance, order: Array):  # type: ignore[no-untyped-def]
+    def _(size: int, batched: tuple, *leaves: Any):  # type: ignore[no-untyped-def]
         def merge(leaf: Array, has_axis: bool) -> Array:
             leaf = leaf if has_axis else jnp.broadcast_to(leaf, (size, *leaf.shape))
             return leaf.reshape(-1, *leaf.shape[2:])
 
-        packing = packer(*jax.tree.map(merge, (instance, order), tuple(batched)))
+        packing = packer(*jax.tree.map(merge, leaves, tuple(batched)))
         split = jax.tree.map(lambda leaf: leaf.reshape(size, -1, *leaf.shape[1:]), packing)
         return split, jax.tree.map(lambda _: True, packing)
 
@@ -89,26 +110,26 @@ def _batched(problem: Problem, made_for: Target) -> Callable[[Instance, Array], 
     return jax.jit(packer)
 
 
-def _in_pieces(problem: Problem, instance: Instance, order: Array) -> Packing:
+def _in_pieces(problem: Problem, instance: Instance, order: Array, place: Array | None) -> Packing:
     """`pack` over a batch (leaves [B, ...]), on a CPU piece by piece."""
     batch = order.shape[0]
     if not target().cpu or batch < SEVERAL:
-        return _first_fit(problem, instance, order)
+        return _first_fit(problem, instance, order, place)
     most, vector = LANES, VECTOR // surface_of(problem).dtype.itemsize
     if problem.surface == "cells" and max(problem.window) >= LARGE_WINDOW:
         most, vector = FEW_LANES, 1
     size = -(-batch // -(-batch // most))
     size = -(-size // vector) * vector
     if problem.surface == "cells":
-        return in_pieces(lambda piece: _first_fit(problem, *piece), (instance, order), size)
+        return in_pieces(lambda piece: _first_fit(problem, *piece), (instance, order, place), size)
     # Those of the fewest items first: a piece takes as long as the longest of its members.
     rank = jnp.argsort(instance.mask.sum(1))
-    ranked = jax.tree.map(lambda leaf: leaf[rank], (instance, order))
+    ranked = jax.tree.map(lambda leaf: leaf[rank], (instance, order, place))
     packed = in_pieces(lambda piece: _first_fit(problem, *piece), ranked, size)
     return jax.tree.map(lambda leaf: jnp.zeros_like(leaf).at[rank].set(leaf), packed)
 
 
-def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
+def _first_fit(problem: Problem, instance: Instance, order: Array, place: Array | None) -> Packing:
     """One piece. Inside, batches are last: see `height_map`."""
     surface = surface_of(problem)
     dtype = surface.dtype
@@ -124,7 +145,7 @@ def _first_fit(problem: Problem, instance: Instance, order: Array) -> Packing:
     sides = length, width, height
     room = instance.bin.T.astype(dtype)
     bins = Bins((room[0], room[1], room[2]))
-    items = Items(sides, needed, able)
+    items = Items(sides, needed, able, place=None if place is None else place.T)
     packer = partial(decode, surface, rule_named(problem.rule))
     placed = whole((instance.bin > 0).all(), packer, items, bins, order.T)
     stats = _stats_by_bin(problem, placed.bin, placed.corner, sides, bins.size)

@@ -19,7 +19,7 @@ from jaxpack.packing.height_map import HeightMap
 from jaxpack.packing.rules import RULES, Rule
 from jaxpack.packing.rules.lowest import lowest
 from jaxpack.packing.surface import Surface, Triple
-from jaxpack.packing.table import Table
+from jaxpack.packing.table import OF_FOOTPRINTS, Table
 from jaxpack.packing.top_faces import Faces, TopFaces, stand_firm
 from jaxpack.packing.view import LEVELS, Candidates, Outline, Places, Surroundings, View
 
@@ -65,10 +65,16 @@ class SurfaceView:
     support: float = 0.5  # share of a base that must rest at its own height
     inclusive: bool = True  # whether exactly that share is enough
     rule: Rule = lowest
+    more: tuple[Rule, ...] = ()  # further ones to choose among
     stands: Callable[[Any, Triple, Triple], Array] | None = None
     """(state, positions, sides) -> which of these are allowed, beyond their support."""
     lanes: int = 1  # rows and blocks of one instance fill a core's cache
     cells = None
+
+    @property
+    def rules(self) -> int:
+        """One, and more."""
+        return 1 + len(self.more)
 
     @property
     def dtype(self) -> np.dtype:
@@ -83,26 +89,28 @@ class SurfaceView:
         """The surface's."""
         return self.surface.empty(self._room(bins))
 
-    def corners(self, state: Any, bins: Array, sides: Triple) -> tuple[Triple, Array]:
+    def corners(
+        self, state: Any, bins: Array, sides: Triple, rule: int = 0
+    ) -> tuple[Triple, Array]:
         """Row by row."""
-        room = self._room(bins)
+        room, preferred = self._room(bins), (self.rule, *self.more)[rule]
 
         def corner(size: Triple) -> Triple:
             wanted = size[0] > 0  # or else it is padding
             # How high an item is changes nothing of the lowest position but whether it fits.
             flat = (size[0], size[1], jnp.zeros_like(size[2]))
-            shown = flat if self.rule is lowest else size
+            shown = flat if preferred is lowest else size
             found, _ = self.surface.candidates(state, shown, self._needed(size), room, wanted)
-            (x, y, z), fits = found.first(self.rule)
+            (x, y, z), fits = found.first(preferred)
             nowhere = np.iinfo(z.dtype).max
             return jnp.where(fits, x, 0), jnp.where(fits, y, 0), jnp.where(fits, z, nowhere)
 
         x, y, z = jax.lax.map(corner, sides)
         return (x, y, z), z <= room[2] - sides[2]
 
-    def look(self, state: Any, bins: Array, sides: Triple) -> Candidates:
+    def look(self, state: Any, bins: Array, sides: Triple, rule: int = 0) -> Candidates:
         """What lies where the items of the rows would stand."""
-        corner, fits = self.corners(state, bins, sides)
+        corner, fits = self.corners(state, bins, sides, rule)
         blocks = self.blocks(state, bins)
         x, y, z = (place.astype(jnp.int32) for place in corner)
         far_x, far_y = x + sides[0], y + sides[1]
@@ -212,14 +220,19 @@ class SurfaceView:
         return length.astype(jnp.float32)[:, None] * width.astype(jnp.float32)
 
 
-def view_of(problem: Problem) -> View:
-    """The view of the problem's bins: of cells the table where the rule is the paper's."""
+def view_of(problem: Problem, more: tuple[str, ...] = ()) -> View:
+    """The view of the problem's bins: of cells the table where it knows the rules.
+
+    Args:
+        more: names of further position rules to choose among.
+    """
     faces, rules = problem.surface == "faces", (problem.support, problem.inclusive)
-    if problem.rule == "lowest" and not faces:
-        return Table(problem)
+    if problem.rule == "lowest" and not faces and set(more) <= set(OF_FOOTPRINTS):
+        return Table(problem, more=more)
     blocks = blocks_of_faces if faces else blocks_of_cells
     stands = stand_firm if problem.stability == "centre" else None
-    return SurfaceView(surface_of(problem), blocks, *rules, RULES[problem.rule], stands)
+    rule, *others = (RULES[name] for name in (problem.rule, *more))
+    return SurfaceView(surface_of(problem), blocks, *rules, rule, tuple(others), stands)
 
 
 def surface_of(problem: Problem) -> Surface:

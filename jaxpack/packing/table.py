@@ -17,9 +17,21 @@ import numpy as np
 from jax import Array
 
 from jaxpack.model.problem import Problem
-from jaxpack.packing.height_map import cell_dtype, drop, empty_map, higher, lowest, rest
+from jaxpack.packing.height_map import (
+    Cells,
+    cell_dtype,
+    drop,
+    empty_map,
+    higher,
+    lowest,
+    rest,
+)
+from jaxpack.packing.rules import RULES
 from jaxpack.packing.surface import Triple
 from jaxpack.packing.view import LEVELS, Candidates, Outline, Places, Surroundings
+
+OF_FOOTPRINTS = ("nearest-corner", "far-corner", "least-wasted")
+"""Position rules that do not ask how high an item is."""
 
 
 class Rests(NamedTuple):
@@ -31,20 +43,26 @@ class Rests(NamedTuple):
     supported: Array  # cell_dtype [F, *batch], cells of the footprint at height z
 
 
-class Cells(NamedTuple):
+class Chart(NamedTuple):
     """A height map and what was found out about it."""
 
     heights: Array  # cell_dtype [L + window - 1, W + window - 1, B], with walls
-    at: Rests
+    at: tuple[Rests, ...]  # by the rules of the table
 
 
 @dataclass(frozen=True)
 class Table:
-    """The view of bins in cells, whose rule is the paper's: see `jaxpack.packing.view`."""
+    """The view of bins in cells, whose first rule is the paper's: see `jaxpack.packing.view`."""
 
     problem: Problem  # the rules
     rolled: bool = False  # one footprint after the other: slower, and compiled in half the time
+    more: tuple[str, ...] = ()  # names of further position rules, of `OF_FOOTPRINTS`
     lanes = 64  # what a network holds of them stays in a core's cache
+
+    @property
+    def rules(self) -> int:
+        """The paper's, and more."""
+        return 1 + len(self.more)
 
     @property
     def dtype(self) -> np.dtype:
@@ -60,23 +78,27 @@ class Table:
         """The table's end is one too."""
         return jnp.minimum(bins, jnp.asarray([*self.problem.window, self.problem.bin[2]])[:, None])
 
-    def empty(self, bins: Array) -> Cells:
+    def empty(self, bins: Array) -> Chart:
         """Everything rests in the corner, on the floor."""
         heights = empty_map(self.problem, bins)
         area = jnp.asarray(footprints(self.problem).prod(-1), heights.dtype)[:, None]
         nothing = jnp.zeros((len(area), bins.shape[-1]), heights.dtype)
-        return Cells(heights, Rests(nothing, nothing, nothing, nothing + area))
+        corner = Rests(nothing, nothing, nothing, nothing + area)
+        if not self.more:
+            return Chart(heights, (corner,))
+        return Chart(heights, self._rests(heights, bins))
 
-    def corners(self, state: Cells, bins: Array, sides: Triple) -> tuple[Triple, Array]:
+    def corners(self, state: Chart, bins: Array, sides: Triple) -> tuple[Triple, Array]:
         """Read off the table."""
         row = self._row(sides)
-        x, y, z = (jnp.take_along_axis(column, row, 0) for column in state.at[:3])
+        x, y, z = (jnp.take_along_axis(column, row, 0) for column in state.at[0][:3])
         return (x, y, z), z <= bins[2].astype(z.dtype) - sides[2]
 
-    def look(self, state: Cells, bins: Array, sides: Triple) -> Candidates:
+    def look(self, state: Chart, bins: Array, sides: Triple, rule: int = 0) -> Candidates:
         """One gather of whole rows of the table instead of one per column."""
-        around = surroundings(self.problem, state.heights, bins, state.at)
-        columns = [column.astype(around.under.dtype) for column in (*state.at, *around)]
+        at = state.at[rule]
+        around = surroundings(self.problem, state.heights, bins, at)
+        columns = [column.astype(around.under.dtype) for column in (*at, *around)]
         row = self._row(sides)
         rows = jnp.take_along_axis(jnp.stack(columns, -1), row[..., None], 0)
         x, y, z, supported, *beside = (rows[..., column] for column in range(rows.shape[-1]))
@@ -88,7 +110,7 @@ class Table:
         fits = z <= bins[2].astype(z.dtype) - sides[2]
         return Candidates(fits, (x, y, z), supported, level, Surroundings._make(beside))
 
-    def outline(self, state: Cells, bins: Array) -> Outline:
+    def outline(self, state: Chart, bins: Array) -> Outline:
         """Walls are above every level."""
         inside = self._inside(state)
         heights = jnp.where(inside == np.iinfo(inside.dtype).max, 0, inside)
@@ -97,7 +119,7 @@ class Table:
             heights.max((0, 1)), heights.sum((0, 1), dtype=jnp.int32), _histogram(levels, LEVELS)
         )
 
-    def places(self, state: Cells, bins: Array, size: Triple) -> Places:
+    def places(self, state: Chart, bins: Array, size: Triple) -> Places:
         """Every cell."""
         (L, W, _), dtype = self.problem.bin, self.dtype
         needed = self.problem.cells_needed(size[0].astype(jnp.int32) * size[1]).astype(dtype)
@@ -105,17 +127,21 @@ class Table:
         x, y = jnp.arange(L, dtype=dtype), jnp.arange(W, dtype=dtype)
         return Places(x[:, None, None], y[None, :, None], z, z < np.iinfo(dtype).max)
 
-    def place(self, state: Cells, bins: Array, size: Triple, corner: Triple, fits: Array) -> Cells:
+    def place(self, state: Chart, bins: Array, size: Triple, corner: Triple, fits: Array) -> Chart:
         """A new table."""
         heights = drop(self.problem, state.heights, size, corner, fits)
-        find = rests_in_a_loop if self.rolled else rests
-        return Cells(heights, find(self.problem, heights))
+        return Chart(heights, self._rests(heights, bins))
+
+    def _rests(self, heights: Array, bins: Array) -> tuple[Rests, ...]:
+        if self.rolled:
+            return (rests_in_a_loop(self.problem, heights),)
+        return rests(self.problem, heights, bins, self.more)
 
     def _row(self, sides: Triple) -> Array:
         row = (sides[0].astype(jnp.int32) - 1) * self.problem.window[1] + sides[1] - 1
         return jnp.maximum(row, 0)
 
-    def _inside(self, state: Cells) -> Array:
+    def _inside(self, state: Chart) -> Array:
         return state.heights[: self.problem.bin[0], : self.problem.bin[1]]
 
 
@@ -126,14 +152,18 @@ def footprints(problem: Problem) -> np.ndarray:
     return np.stack(grid, -1).reshape(-1, 2)
 
 
-def rests(problem: Problem, heights: Array) -> Rests:
-    """The rule's placement of every footprint.
+def rests(
+    problem: Problem, heights: Array, bins: Array, more: tuple[str, ...] = ()
+) -> tuple[Rests, ...]:
+    """The placement of every footprint by the paper's rule, and by each of some more.
 
     Args:
         heights: cell_dtype [L + window - 1, W + window - 1, *batch], height maps with walls.
+        bins: int32 [3, *batch], cells.
+        more: names of rules.
     """
     (L, W, _), (window_x, window_y) = problem.bin, problem.window
-    found = []
+    columns = []
     z_x, count_x = heights[:L], jnp.ones_like(heights[:L])
     for length in range(1, window_x + 1):
         if length > 1:
@@ -144,16 +174,43 @@ def rests(problem: Problem, heights: Array) -> Rests:
             if width > 1:
                 rows = slice(width - 1, width - 1 + W)
                 z, count = higher(z, count, z_x[:, rows], count_x[:, rows])
-            found.append((z, count))
-    z, count = (jnp.stack(column, 2) for column in zip(*found, strict=True))  # [L, W, F, *batch]
+            columns.append((z, count))
+    z, count = (jnp.stack(column, 2) for column in zip(*columns, strict=True))  # [L, W, F, *batch]
     area = jnp.asarray(footprints(problem).prod(-1), jnp.int32)
     needed = problem.cells_needed(area).astype(heights.dtype).reshape(-1, *(1,) * (z.ndim - 3))
     z = jnp.where(count >= needed, z, np.iinfo(z.dtype).max)
-    (x, y, z_best), _ = lowest(problem, z)
     place_x = jnp.arange(L, dtype=z.dtype).reshape(-1, 1, *(1,) * (z.ndim - 2))
     place_y = jnp.arange(W, dtype=z.dtype).reshape(1, -1, *(1,) * (z.ndim - 2))
-    here = (place_x == x) & (place_y == y)
-    return Rests(x, y, z_best, jnp.where(here, count, 0).max((0, 1)))
+
+    def rested(corner: Triple) -> Rests:
+        x, y, lowest = corner
+        here = (place_x == x) & (place_y == y)
+        return Rests(x, y, lowest, jnp.where(here, count, 0).max((0, 1)))
+
+    found = [rested(lowest(problem, z)[0])]
+    if more:
+        along_x, along_y = (jnp.asarray(side, z.dtype)[:, None] for side in footprints(problem).T)
+        size, (room_x, room_y, ceiling) = (along_x, along_y, 0 * along_x), bins.astype(z.dtype)
+        at = Footprints(problem, heights, z, size, (room_x, room_y, ceiling))
+        found += [rested(at.first(RULES[name])[0]) for name in more]
+    return tuple(found)
+
+
+class Footprints(Cells):
+    """The positions of all footprints at once: z is [L, W, F, *batch]."""
+
+    def waste(self) -> Array:
+        """From sums of the height map up to every cell."""
+        (L, W, _), wall = self.problem.bin, np.iinfo(self.heights.dtype).max
+        solid = jnp.where(self.heights == wall, 0, self.heights.astype(jnp.int32))
+        sums = jnp.pad(solid.cumsum(0).cumsum(1), ((1, 0), (1, 0), *((0, 0),) * (solid.ndim - 2)))
+        under = []
+        for length, width in footprints(self.problem):
+            near, far = sums[:L], sums[length : length + L]
+            under.append(far[:, width : width + W] - far[:, :W] - near[:, width : width + W])
+            under[-1] += near[:, :W]
+        area = self.size[0].astype(jnp.int32) * self.size[1]
+        return (self.z.astype(jnp.int32) * area - jnp.stack(under, 2)).astype(jnp.float32)
 
 
 def rests_in_a_loop(problem: Problem, heights: Array) -> Rests:

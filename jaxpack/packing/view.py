@@ -73,6 +73,10 @@ class View(Protocol):
         """How many batch members a CPU should work on at once."""
 
     @property
+    def rules(self) -> int:
+        """How many position rules there are to choose among; the first is the problem's."""
+
+    @property
     def cells(self) -> tuple[int, int, int] | None:
         """The most units along each axis where these are few enough to count through."""
 
@@ -83,10 +87,10 @@ class View(Protocol):
         """The state of empty bins."""
 
     def corners(self, state: Any, bins: Array, sides: Triple) -> tuple[Triple, Array]:
-        """`corner` and `fits` of the candidates of rows with these sides [K, B] each."""
+        """`corner` and `fits` of the candidates of rows [K, B], by the first rule."""
 
-    def look(self, state: Any, bins: Array, sides: Triple) -> Candidates:
-        """The candidates of rows with these sides [K, B] each; 0 for padding."""
+    def look(self, state: Any, bins: Array, sides: Triple, rule: int = 0) -> Candidates:
+        """The candidates of rows with these sides [K, B] each; 0 for padding. By that rule."""
 
     def outline(self, state: Any, bins: Array) -> Outline:
         """What all rows have in common."""

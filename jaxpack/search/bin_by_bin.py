@@ -143,8 +143,8 @@ def orders_found(state: Beams) -> Any:
 def _put_last(order: Any, drawn: Any, left: Array) -> Any:
     """`order` without the items that are left, then those in the drawn order: leaves [N]."""
     if isinstance(order, Decisions):
-        turn = jnp.where(left, drawn.orientation, order.orientation)
-        return Decisions(_put_last(order.order, drawn.order, left), turn)
+        by_item = jax.tree.map(partial(jnp.where, left), drawn[1:], order[1:])
+        return Decisions(_put_last(order.order, drawn.order, left), *by_item)
     items = order.shape[0]
     place = jnp.arange(items, dtype=jnp.int32)
     rank = jnp.zeros(items, jnp.int32).at[order].set(place)

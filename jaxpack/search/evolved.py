@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.model.problem import Instance, Problem
+from jaxpack.packing.env import Decisions
 from jaxpack.packing.first_fit import pack
 from jaxpack.search.brkga import Population, keys_of
 from jaxpack.search.protocol import Objective, Search
@@ -27,7 +28,7 @@ def evolved(
 ) -> Search:
     """A round is one of `search` and so many generations of `breeding`, a smaller one a generation.
 
-    Where items may be turned nothing is bred, since `breeding` turns none: there is `search` alone.
+    Where more than orders is decided nothing is bred, as `breeding` has orders: `search` is alone.
 
     Args:
         breeding: from `genetic`.
@@ -56,7 +57,7 @@ def evolved(
 
     def start(keys: Array, instances: Instance) -> Any:
         found = search.start(keys, instances)
-        if instances.turned is not None:
+        if isinstance(finds(found), Decisions):
             return found, None
         return join(instances, found, breeding.start(keys, instances))
 

@@ -5,6 +5,7 @@ A search is over a batch of instances at once: leaves [B, ...], a typed PRNG key
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ from jax.sharding import Mesh
 
 from jaxpack.model.problem import Instance, Packing, Problem, in_orientation
 from jaxpack.packing.env import Decisions
-from jaxpack.packing.first_fit import pack
+from jaxpack.packing.first_fit import pack, pack_decisions
 from jaxpack.xla.devices import PART, WHOLE, split_batch
 
 Objective = Callable[[Instance, Packing], Array]
@@ -101,8 +102,9 @@ def run_for(search: Search, keys: Array, instances: Instance, seconds: float) ->
 
 def pack_orders(problem: Problem, instances: Instance, orders: Orders) -> Packing:
     """`pack` over a batch."""
-    turned, order = lying(instances, orders)
-    return jax.vmap(lambda instance, order: pack(problem, instance, order))(turned, order)
+    if isinstance(orders, Decisions):
+        return pack_decisions(problem, instances, orders)[1]
+    return jax.vmap(partial(pack, problem))(instances, orders)
 
 
 def lying(instances: Instance, orders: Orders) -> tuple[Instance, Array]:
@@ -113,11 +115,12 @@ def lying(instances: Instance, orders: Orders) -> tuple[Instance, Array]:
 
 
 def like_drawn(draw: Draw, keys: Array, instances: Instance, order: Array) -> Orders:
-    """An order (int32 [B, N]) as `draw` gives them: with orientations, the first, or without."""
-    choice = instances.turned is not None
-    if choice and isinstance(jax.eval_shape(draw, keys, instances), Decisions):
-        return Decisions(order, jnp.zeros_like(order))
-    return order
+    """An order (int32 [B, N]) as `draw` gives them: all else that it decides is left as it is."""
+    drawn = jax.eval_shape(draw, keys, instances)
+    if not isinstance(drawn, Decisions):
+        return order
+    nothing = jnp.zeros_like(order)
+    return Decisions(order, nothing, None if drawn.place is None else nothing - 1)
 
 
 def better(cost: Array, orders: Any, than_cost: Array, than: Any) -> tuple[Array, Any]:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from jaxpack.errors import UserError
+from jaxpack.packing.rules.far_corner import far_corner
 from jaxpack.packing.rules.least_wasted import least_wasted
 from jaxpack.packing.rules.lowest import lowest
 from jaxpack.packing.rules.most_contact import most_contact
@@ -39,10 +40,27 @@ Rule = Callable[[Positions], tuple[Any, ...]]
 RULES: dict[str, Rule] = {
     "lowest": lowest,
     "nearest-corner": nearest_corner,
+    "far-corner": far_corner,
     "most-contact": most_contact,
     "least-wasted": least_wasted,
 }
 """Name -> rule."""
+
+
+def as_decided(rule: Rule, place: Any, length: Any) -> Rule:
+    """The rule of items that have a place of their own: there, where they may stand there.
+
+    Args:
+        rule: of those that have none.
+        place: int32 [*batch], x + y * length of the corner, -1 for none.
+        length: [*batch], of the bin.
+    """
+
+    def keys(at: Any) -> tuple[Any, ...]:
+        here = at.x.astype("int32") + at.y.astype("int32") * length
+        return ((here != place) & (place >= 0)).astype("int8"), *rule(at)
+
+    return keys
 
 
 def rule_named(name: str, called: str = "rule") -> Rule:
