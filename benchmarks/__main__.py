@@ -1,8 +1,8 @@
 """python -m benchmarks [SECTION ...]: every section prints one table and writes one csv.
 
-Sections: placement, training, genetic, sweeps, growth, online. All if none is named. And, only if
-named, `exact`, which reads public instances, and `accelerator`, for a GPU. Each has a process of
-its own: after others in one process it is slower.
+Sections: placement, training, genetic, sweeps, growth, online, check. All if none is named. And,
+only if named, `exact`, which reads public instances, and `accelerator`, for a GPU. Each has a
+process of its own: after others in one process it is slower.
 """
 
 import subprocess
@@ -12,7 +12,7 @@ from importlib import import_module
 from jaxpack.xla.devices import use_all_cores
 from jaxpack.xla.programs import tune_for_cpu
 
-SECTIONS = ("placement", "training", "genetic", "sweeps", "growth", "online")
+SECTIONS = ("placement", "training", "genetic", "sweeps", "growth", "online", "check")
 
 
 def main() -> None:
