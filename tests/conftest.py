@@ -46,6 +46,15 @@ def add_flag(flag):
         os.environ.update(more)
 
 
+def pytest_collection_finish():
+    """What is imported stays: to look through it for garbage, again and again while programs are
+    traced, takes a tenth of all time.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 50)
+
+
 MOST_MEMORY = 1000  # MiB that a worker keeps from one test to the next
 
 
