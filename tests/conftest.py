@@ -55,7 +55,7 @@ def pytest_collection_finish():
     gc.set_threshold(50_000, 20, 50)
 
 
-MOST_MEMORY = 1000  # MiB that a worker keeps from one test to the next
+MOST_MEMORY = 2000  # MiB that a worker keeps from one test to the next
 
 
 @pytest.fixture(autouse=True)
