@@ -226,9 +226,14 @@ def test_what_lies_off_its_centre_is_not_allowed():
         view = view_of(problem)
         size = jnp.asarray([[[200], [400], [300]], [[500], [400], [100]]])
         bins = jnp.asarray([[800], [400], [500]])
-        state = reset(view, Instance(size, jnp.ones((2, 1), bool), bins))
-        kind = jnp.asarray([0])
-        places = positions(view, step(view, state, Choice(kind, kind)), kind + 1, kind)
+
+        @jax.jit
+        def places_on_it(instance, view=view):
+            kind = jnp.asarray([0])
+            state = step(view, reset(view, instance), Choice(kind, kind))
+            return positions(view, state, kind + 1, kind)
+
+        places = places_on_it(Instance(size, jnp.ones((2, 1), bool), bins))
         low, high = np.asarray(places.x)[:, 0, 0], np.asarray(places.allowed)[:, 0, 0]
         allowed[stability] = dict(zip(low.tolist(), high.tolist(), strict=True))
     on_it = {stability: places[0] for stability, places in allowed.items()}

@@ -168,11 +168,16 @@ def test_a_plan_takes_what_is_best_in_the_mean_of_all_items_that_may_come(settin
     """One by one, in every way to write them down, and not one for all that are alike."""
     params, width = random_value(setting), 4
     score, state, lanes = value_rule(params), empty(setting, 3), 3
-    for item in drawn(setting, 4, lanes=lanes):
+
+    @jax.jit
+    def filled(state, item):
         choice = by_rule(setting, score)(state, Known(item[None], item[:0, None]), keys(lanes))
-        state = place(setting, state, choice.offers, choice.number, choice.there)
+        return place(setting, state, choice.offers, choice.number, choice.there)
+
+    for item in drawn(setting, 4, lanes=lanes):
+        state = filled(state, item)
     held = drawn(setting, 1, 7, lanes)
-    every, numbers, scores = scored(setting, score, state, held)
+    every, numbers, scores = jax.jit(partial(scored, setting, score))(state, held)
     rows = np.argsort(-np.asarray(scores), 0, kind="stable")[:width]
     sums = np.zeros((width, lanes))
     best = jax.jit(lambda state, item: scored(setting, score, state, item[None])[2].max(0))
