@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -113,11 +114,12 @@ def test_compiled_it_scores_the_same(training):
     kinds_axes = training.AXES
     here = filling.Goods(*map(np.asarray, goods))
     bins = [filling.empty(xp, of, 32) for xp, of in ((np, here), (jnp, goods))]
+
+    def filled(xp, of, now):
+        return step(xp, kinds_axes, of, now, judge=lambda seen: score(xp, weights, seen))
+
+    compiled = jax.jit(partial(filled, jnp))
     for _ in range(3):
-        judges = [lambda seen, xp=xp: score(xp, weights, seen) for xp in (np, jnp)]
-        bins = [
-            step(xp, kinds_axes, of, now, judge=judge)
-            for xp, of, now, judge in zip((np, jnp), (here, goods), bins, judges, strict=True)
-        ]
+        bins = filled(np, here, bins[0]), compiled(goods, bins[1])
     for mine, theirs in zip(*bins, strict=True):
         np.testing.assert_array_equal(mine, theirs)

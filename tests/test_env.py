@@ -168,9 +168,16 @@ def test_any_surface_shows_what_the_table_shows(bin, more):
     )
     views = Table(problem, more=more), any_surface
     instances = batch_last(sample(problem, Distribution(18, 1, 4, "all"), jax.random.key(2), 24))
-    states = [reset(view, instances) for view in views]
+    states = [jax.jit(partial(reset, view))(instances) for view in views]
     looks = [jax.jit(partial(observe, view)) for view in views]
-    steps = [jax.jit(partial(step, view)) for view in views]
+    steps = [
+        jax.jit(
+            lambda state, choices, row, view=view: step(
+                view, state, choice_of(view, state, choices, row)
+            )
+        )
+        for view in views
+    ]
     resting = waiting = 0
     for number in range(18):
         table, other = (look(state) for look, state in zip(looks, states, strict=True))
@@ -187,10 +194,7 @@ def test_any_surface_shows_what_the_table_shows(bin, more):
         resting, waiting = resting + table.allowed.sum(), waiting + present.sum()
         noise = jax.random.uniform(jax.random.key(number), present.shape)
         row = jnp.argmax(noise * table.allowed, 0)
-        states = [
-            go(state, choice_of(views[0], state, table, row))
-            for go, state in zip(steps, states, strict=True)
-        ]
+        states = [go(state, table, row) for go, state in zip(steps, states, strict=True)]
     assert 0.3 < resting / waiting < 0.99, "all of it rests, or nothing: the test shows little"
 
 
