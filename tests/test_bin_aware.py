@@ -133,11 +133,16 @@ def test_the_order_packs_to_what_the_policy_saw(name, turns):
 def test_the_candidate_table_equals_the_kernel_kind_by_kind(name):
     problem = PROBLEMS[name]
     states, choices = few_played(problem, 8, 200)
-    fixed, sides = first_of(states.kinds), states.kinds.sides
-    needed = problem.cells_needed(sides[0].astype(jnp.int32) * sides[1]).astype(sides[0].dtype)
-    heights = jnp.moveaxis(states.inside.heights, 0, 2)[:, :, :, None]  # [L', W', steps, 1, count]
-    ceiling = fixed.bin[2].astype(sides[0].dtype)
-    corner, fits = lowest(problem, rest(problem, heights, tuple(sides), needed, ceiling))
+
+    @jax.jit
+    def kernel(states):
+        fixed, sides = first_of(states.kinds), states.kinds.sides
+        needed = problem.cells_needed(sides[0].astype(jnp.int32) * sides[1]).astype(sides[0].dtype)
+        heights = jnp.moveaxis(states.inside.heights, 0, 2)[:, :, :, None]  # [L', W', T, 1, count]
+        ceiling = fixed.bin[2].astype(sides[0].dtype)
+        return lowest(problem, rest(problem, heights, tuple(sides), needed, ceiling))
+
+    corner, fits = kernel(states)
     present = np.asarray(states.remaining > 0)
     allowed = np.asarray(choices.allowed)
     np.testing.assert_array_equal(allowed, np.asarray(fits) & present)
@@ -250,7 +255,7 @@ def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
     problem, items = PROBLEMS["2d"], 16
     instances = sample(problem, Distribution(items, 1, 3), jax.random.key(5), 64)
     view = Table(problem)
-    state = reset(view, batch_last(instances), 9)  # 3 x 3 sizes
+    state = jax.jit(lambda some: reset(view, some, 9))(batch_last(instances))  # 3 x 3 sizes
     assert (state.remaining.sum(0) == items).all()
 
     @jax.jit
@@ -260,7 +265,7 @@ def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
 
     for _ in range(8):
         state = turn(state)
-    kept = compact(state, 8)
+    kept = jax.jit(compact, static_argnums=1)(state, 8)
     assert kept.remaining.shape[0] == 8
     sizes = jnp.stack(state.kinds.sides)
     np.testing.assert_array_equal(

@@ -120,7 +120,7 @@ def test_every_rule_packs_by_the_rules(rule):
 def test_a_least_z_place_is_the_lowest():
     items = drawn(SMALL, 30)
     played = jax.jit(partial(play, SMALL, by_rule(SMALL, RULES["least-z"])))(items, keys())
-    state, see = empty(SMALL, B), jax.jit(partial(look, SMALL))
+    state, see, put = empty(SMALL, B), *(jax.jit(partial(f, SMALL)) for f in (look, place))
     for turn in range(4):
         offers = see(state, items[turn])
         lowest = np.where(offers.allowed & at_edges(SMALL, state, offers), offers.z, 99).min(
@@ -129,7 +129,7 @@ def test_a_least_z_place_is_the_lowest():
         np.testing.assert_array_equal(played.corner[turn, 2], lowest)
         side, (x, y, _) = played.sides[turn], played.corner[turn]
         turned = (side != items[turn]).any(0).astype(jnp.int32)
-        state = place(SMALL, state, offers, (turned * 6 + x) * 6 + y, jnp.ones(B, bool))
+        state = put(state, offers, (turned * 6 + x) * 6 + y, jnp.ones(B, bool))
 
 
 def random_value(setting):
@@ -273,7 +273,7 @@ def test_places_are_the_lowest_at_edges():
     played = jax.jit(partial(play, SMALL, by_rule(SMALL, RULES["least-z"])))(items[:8], keys())
     state, see = empty(SMALL, B), jax.jit(partial(look, SMALL))
     offers = see(state, items[8])
-    found = places(SMALL, state, offers)
+    found = jax.jit(partial(places, SMALL))(state, offers)
     # In an empty bin: the four corners of the floor, for each orientation that looks different.
     same = np.asarray(items[8][0] == items[8][1])
     np.testing.assert_array_equal(found.there.sum(0), np.where(same, 4, 8))
