@@ -159,7 +159,9 @@ SCRIPT = """
 import jaxpack
 from jaxpack.search import background
 items = [dict(zip("XYZ", size)) for size in %s]
-jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
+background.LISTENING = 100.0  # on a busy machine
+while not background._waiting:
+    jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
 print(background._waiting[0].process.pid, flush=True)
 """
 LEFT_AT_ONCE = """
@@ -168,6 +170,7 @@ from jaxpack.model.job import BinType, ItemType, Job
 from jaxpack.search import background, requests
 items = tuple(ItemType(tuple(size)) for size in %s)
 loading = load_job(Job(items, (BinType((10.0,) * 3),)))
+background.LISTENING = 100.0  # on a busy machine
 process = background.borrow()
 process.ask(requests.Request(loading, 0, 1.0, lane_genes(loading, 0, 0), ""))
 background.give_back(process)
