@@ -160,8 +160,9 @@ import jaxpack
 from jaxpack.search import background
 items = [dict(zip("XYZ", size)) for size in %s]
 background.LISTENING = 100.0  # on a busy machine
-while not background._waiting:
-    jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
+for _ in range(60):
+    if not background._waiting:
+        jaxpack.solve(items, [{"X": 10, "Y": 10, "Z": 10}], time_limit=1)
 print(background._waiting[0].process.pid, flush=True)
 """
 LEFT_AT_ONCE = """
