@@ -11,7 +11,7 @@ results/ablations-2d.csv or -3d.csv, a line as soon as a variant is done.
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +20,12 @@ from rich.console import Console
 from rows import RESULTS, read_rows, rounded, write_rows
 from tyro.conf import Positional
 
-from jaxpack import Cell, Comparison, pack, preset
+from jaxpack import Cell, Comparison, preset
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
 from jaxpack.learning.trainer import init_state, train_chunk
 from jaxpack.model.metrics import bins_used, compactness, pyramid
+from jaxpack.packing.first_fit import pack_decisions
 
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
@@ -81,8 +82,8 @@ def _measure(recipe) -> Callable:
 
     @jax.jit
     def measure(params):
-        orders = recipe.policy.orders(recipe.problem, params, instances, kinds=recipe.kinds).order
-        packings = jax.vmap(partial(pack, recipe.problem))(instances, orders)
+        decided = recipe.policy.orders(recipe.problem, params, instances, kinds=recipe.kinds)
+        _, packings = pack_decisions(recipe.problem, instances, decided)
         return {
             "compactness": jax.vmap(compactness)(instances, packings).mean(),
             "pyramid": jax.vmap(pyramid)(packings).mean(),

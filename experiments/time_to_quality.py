@@ -27,6 +27,7 @@ BAR = 3.85
 """Mean bins that are to be reached."""
 STRETCH = 50
 """Updates between two looks, half of it for the preset's large ones."""
+POLICY = preset("bin-aware-3d").policy
 BASE = {"batch": 32, "learning_rate": 4e-3, "loss_steps": 0.25, "average": 0.95}
 TRIED = {
     "64 instances": {"batch": 64, "learning_rate": 2e-3, "average": 0.9, "updates": 100},
@@ -35,6 +36,9 @@ TRIED = {
     "halves only": {"schedule": "constant", "learning_rate": 3e-3, "average": 0.98, "updates": 500,
                     "distribution": Distribution(items=35, low=2, high=5)},
     "one half": {"updates": 300, "halves": 1},
+    **{f"one half, {'; '.join(rules)}": {"updates": 300, "halves": 1,
+                                         "policy": replace(POLICY, positions=rules)}
+       for rules in (("far-corner",), ("least-wasted",), ("far-corner", "least-wasted"))},
     "one half, longer": {"average": 0.97, "updates": 480, "halves": 1},
     "three halves": {"average": 0.97, "learning_rate": 3e-3, "updates": 600, "halves": 3},
 }  # fmt: skip
@@ -80,7 +84,7 @@ class Run:
         update = (len(self.rows) + 1) * self.stretch
         row = {"recipe": self.name, "seed": self.seed, "update": update}
         row |= {"seconds": self.seconds, "cpu_seconds": self.cpu}
-        row |= greedy_figures(self.preset, self.state.kept)
+        row |= greedy_figures(replace(self.preset, policy=self.recipe.policy), self.state.kept)
         self.rows.append(rounded(row | {"sampled_bins": float(metrics.outcome.bins)}))
         Console().print(self.rows[-1])
 

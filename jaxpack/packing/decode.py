@@ -169,11 +169,10 @@ class _Turns:
 
     def turn(self, now: _Turn) -> _Turn:
         """Offers one item to one bin."""
-        (size, needed, weight, place), (length, width, height) = now.item, self.items.size
+        (size, needed, weight, _), (length, width, height) = now.item, self.items.size
         found, room = now.rank < self.N, now.room or self.bins.size
         candidates, state = self.surface.candidates(now.state, size, needed, room, found)
-        rule = self.rule if place is None else as_decided(self.rule, place, room[0])
-        corner, fits = candidates.first(rule)
+        corner, fits = candidates.first(self._rule(now.item.place, room[0]))
         fits &= found
         here = (self.rank_of == now.rank) & fits
         bin, shut = jnp.where(here, now.slot, now.bin), now.shut
@@ -214,6 +213,12 @@ class _Turns:
                 jnp.where(here, new, old) for new, old in zip(kept, now.corner, strict=True)
             ),
         )
+
+    def _rule(self, place: Array | None, length: Array) -> Rule:
+        if place is None:
+            return self.rule
+        at = jnp.divmod(place, length.astype(jnp.int32))  # y and x; of -1, y is that too
+        return as_decided(self.rule, *(side.astype(length.dtype) for side in at[::-1]))
 
 
 class _Stock:
@@ -300,8 +305,7 @@ def _by_rank(items: Items, order: Array | None, dtype: np.dtype) -> tuple[Any, A
     tables = [jnp.stack(columns, -1)] if as_word else [jnp.stack(items.size, -1), items.needed]
     if as_word:  # XLA gathers one element after the other
         tables = [jax.lax.bitcast_convert_type(tables[0], jnp.int32)]
-    further = [column for column in (items.weight, items.place) if column is not None]
-    tables += further
+    tables += [column for column in (items.weight, items.place) if column is not None]
     if order is None:
         ranked, rank_of = tables, jax.lax.broadcasted_iota(dtype, (N, batch), 0)
     else:
@@ -313,10 +317,9 @@ def _by_rank(items: Items, order: Array | None, dtype: np.dtype) -> tuple[Any, A
         if as_word:
             sides = jax.lax.bitcast_convert_type(sides, columns[0].dtype)
         length, width, height, *more = (*jnp.unstack(sides, axis=-1), *rest)
-        needed, *more = more
-        weight = None if items.weight is None else more.pop(0)
-        place = None if items.place is None else more.pop()
-        return _Item((length, width, height), needed, weight, place)
+        weight = None if items.weight is None else more.pop(1)
+        place = None if items.place is None else more.pop(1)
+        return _Item((length, width, height), more[0], weight, place)
 
     return fetched, rank_of
 

@@ -47,18 +47,16 @@ RULES: dict[str, Rule] = {
 """Name -> rule."""
 
 
-def as_decided(rule: Rule, place: Any, length: Any) -> Rule:
+def as_decided(rule: Rule, x: Any, y: Any) -> Rule:
     """The rule of items that have a place of their own: there, where they may stand there.
 
     Args:
         rule: of those that have none.
-        place: int32 [*batch], x + y * length of the corner, -1 for none.
-        length: [*batch], of the bin.
+        x, y: [*batch], of the corner, below 0 for none.
     """
 
     def keys(at: Any) -> tuple[Any, ...]:
-        here = at.x.astype("int32") + at.y.astype("int32") * length
-        return ((here != place) & (place >= 0)).astype("int8"), *rule(at)
+        return ((at.x != x) | (at.y != y)).astype("int8"), *rule(at)
 
     return keys
 
