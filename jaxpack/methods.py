@@ -157,7 +157,7 @@ def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> 
     def decide(instances: Instance, keys: Array | None = None) -> Any:
         network = policy.config.policy
         decided = network.orders(problem, policy.params, instances, keys, options.kinds)
-        return _least(instances, decided)
+        return _decided(instances, decided)
 
     def greedy(keys: Array, instances: Instance) -> Any:
         return decide(instances)
@@ -168,7 +168,7 @@ def _policy_orders(problem: Problem, policy: Policy, options: MethodOptions) -> 
     return greedy, draw
 
 
-def _least(instances: Instance, decisions: Decisions) -> Any:
+def _decided(instances: Instance, decisions: Decisions) -> Any:
     """Orders alone where nothing else was decided."""
     alone = instances.turned is None and decisions.place is None
     return decisions.order if alone else decisions
@@ -197,7 +197,7 @@ def _beam(
         costs = jax.vmap(objective)(repeated, pack_orders(problem, repeated, orders))
         return jax.tree.map(lambda leaf: leaf[jnp.argmin(costs)], orders)
 
-    return jax.vmap(best)(instances, _least(instances, beams))
+    return jax.vmap(best)(instances, _decided(instances, beams))
 
 
 def _brkga(problem: Problem, options: MethodOptions) -> Search:

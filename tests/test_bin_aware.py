@@ -243,7 +243,7 @@ def test_the_policy_turns_items_as_it_saw_them():
     keys = jax.random.split(jax.random.key(5), 64)
     fixed = jax.tree.map(jnp.asarray, instances)
     turned = may_turn(problem, fixed)
-    orders, ways = jax.jit(partial(NETWORK.orders, problem))(params, turned, keys)
+    orders, ways, _ = jax.jit(partial(NETWORK.orders, problem))(params, turned, keys)
     assert (np.sort(orders, 1) == np.arange(items)).all()
     assert not np.asarray(ways)[:, ::2].any()
     assert 0.2 < (np.asarray(ways)[:, 1::2] > 0).mean() < 0.9

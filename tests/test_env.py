@@ -15,6 +15,7 @@ from jaxpack import (
     Distribution,
     Problem,
     Table,
+    UserError,
     choice_of,
     load_policy,
     observe,
@@ -128,6 +129,11 @@ def test_a_random_policy_packs_by_the_rules(rule, more, free):
     order, turned, packing = checked(problem, instances, played, "the random policy")
     # `pack` fills in the rule's positions, and only those.
     assert same(packing, packer(problem)(turned, order)) == (not free and not more)
+
+
+def test_a_table_names_the_rules_that_it_can_have():
+    with pytest.raises(UserError, match="'most-contact': choose nearest-corner, far-corner"):
+        Table(PROBLEM, more=("most-contact",))
 
 
 def test_no_place_of_its_own_is_the_place_of_the_rule():

@@ -26,8 +26,8 @@ from jaxpack.learning.networks import NETWORKS
 from jaxpack.learning.trainer import init_state, train_chunk
 from jaxpack.model.instances import Distribution, sample
 from jaxpack.model.packing_check import check_packings
-from jaxpack.model.problem import in_orientation
 from jaxpack.packing.env import Decisions
+from jaxpack.packing.first_fit import pack_decisions
 
 SMALL = {"pointer": {"hidden": 8, "critic": 4}, "bin-aware": {"hidden": 8}}
 
@@ -55,10 +55,10 @@ def test_what_a_network_decides_is_what_is_packed(name):
     else:
         with pytest.raises(UserError, match="has no beam search"):
             network.beams(problem, params, instances, 3)
-    for how, (orders, turned) in made.items():
-        chosen = jax.vmap(in_orientation)(instances, turned)
-        check_packings(problem, chosen, orders, packer(problem)(chosen, orders), how)
-        assert (turned > 0).any() == (name == "bin-aware"), how
+    for how, decided in made.items():
+        turned, packing = pack_decisions(problem, instances, decided)
+        check_packings(problem, turned, decided.order, packing, how)
+        assert (decided.orientation > 0).any() == (name == "bin-aware"), how
     assert (made["sampled"].order != made["greedy"].order).any()
     assert (made["sampled"].order != made["hot"].order).any()
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxpack.errors import UserError
 from jaxpack.model.problem import Problem
 from jaxpack.packing.height_map import (
     Cells,
@@ -52,12 +53,22 @@ class Chart(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """The view of bins in cells, whose first rule is the paper's: see `jaxpack.packing.view`."""
+    """The view of bins in cells, whose first rule is the paper's: see `jaxpack.packing.view`.
+
+    Raises:
+        UserError: where a rule is none of `OF_FOOTPRINTS`.
+    """
 
     problem: Problem  # the rules
-    rolled: bool = False  # one footprint after the other: slower, and compiled in half the time
+    # One footprint after the other, by one rule: slower, and compiled in half the time.
+    rolled: bool = False
     more: tuple[str, ...] = ()  # names of further position rules, of `OF_FOOTPRINTS`
     lanes = 64  # what a network holds of them stays in a core's cache
+
+    def __post_init__(self) -> None:
+        for name in self.more:
+            if name not in OF_FOOTPRINTS:
+                raise UserError(f"more '{name}': choose {', '.join(OF_FOOTPRINTS)}")
 
     @property
     def rules(self) -> int:
@@ -133,7 +144,7 @@ class Table:
         return Chart(heights, self._rests(heights, bins))
 
     def _rests(self, heights: Array, bins: Array) -> tuple[Rests, ...]:
-        if self.rolled:
+        if self.rolled and not self.more:
             return (rests_in_a_loop(self.problem, heights),)
         return rests(self.problem, heights, bins, self.more)
 

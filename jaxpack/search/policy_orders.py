@@ -98,7 +98,7 @@ def policy_genes(loading: Loading, stock: Stock, genes: Genes, policy: Policy, s
     instances, kinds = _on_a_grid(loading, stock, genes, kept)
     problem = _grid(loading.job.dimension, loading.rules)
     drawn = draw(problem, policy.config.policy, policy.params, instances, np.int32(seed), kinds)
-    order, turn = map(np.asarray, drawn)
+    order, turn = np.asarray(drawn.order), np.asarray(drawn.orientation)
     # The filling up to a shape has the last numbers, and is last in every order.
     items = genes.order.shape[1]
     # What has fewer orientations than others has its last one again in the place of those.
