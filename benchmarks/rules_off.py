@@ -1,6 +1,6 @@
 """What the rules of loads and of stability cost those who ask for none, beside an older state.
 
-python benchmarks/rules_off.py --older CHECKOUT [--pairs 5]           (ten minutes)
+python -m benchmarks.rules_off --older CHECKOUT [--pairs 5]           (ten minutes)
 
 CHECKOUT is this project before it had them, such as `git worktree add ../before 7f3861b`. Whole
 commands with equal work (packings, instances), of either state in turn; CPU seconds, the least of

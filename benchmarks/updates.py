@@ -1,6 +1,6 @@
 """An update of the paper's recipes beside an older state: processor time, and memory.
 
-python benchmarks/updates.py --older CHECKOUT [--pairs 5]             (five minutes)
+python -m benchmarks.updates --older CHECKOUT [--pairs 5]             (five minutes)
 
 CHECKOUT is this project before its gradient was written anew, such as
 `git worktree add ../before abe3813`. Either state in turn, in a process of its own on one device:
