@@ -1,7 +1,7 @@
 """Methods by name: each makes orders for a batch of instances."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -102,7 +102,10 @@ def make_method(name: str, problem: Problem, options: MethodOptions) -> Method:
     if name == "brkga":
         return _searching(options, _brkga(problem, options), options.brkga.generations)
     if name == "brkga-seeded":
-        greedy, draw = _policy_orders(problem, _policy(SEEDING, problem, options), options)
+        config = (policy := _policy(SEEDING, problem, options)).config
+        # Genes are orders: what breeds has been drawn by the rule alone.
+        by_rule = replace(config, policy=replace(config.policy, positions=()))
+        greedy, draw = _policy_orders(problem, replace(policy, config=by_rule), options)
         seeds = partial(_stacked, greedy, draw, options.brkga.population)
         search = genetic(problem, options.brkga, objective, seeds)
         return _searching(options, search, options.brkga.generations)

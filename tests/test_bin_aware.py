@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 from cases import packer, random_cases
 
-from jaxpack import Distribution, Problem, TrainConfig, UserError
+from jaxpack import (
+    Distribution,
+    MethodOptions,
+    Policy,
+    Problem,
+    TrainConfig,
+    UserError,
+    make_method,
+)
 from jaxpack.learning import rollout
 from jaxpack.learning.bin_aware import BinAwareConfig
 from jaxpack.learning.bin_network import init_network, look, scores
@@ -35,6 +43,8 @@ from jaxpack.packing.first_fit import pack_decisions
 from jaxpack.packing.height_map import empty_map, lowest, rest
 from jaxpack.packing.surface_view import view_of
 from jaxpack.packing.table import Table, footprints, rests, rests_in_a_loop, surroundings
+from jaxpack.search.breeding import BrkgaConfig
+from jaxpack.search.protocol import lying, pack_orders
 
 PROBLEMS = {
     "2d": replace(PAPER_2D, largest=None),
@@ -514,3 +524,16 @@ def test_a_wider_beam_begins_with_the_narrower_and_is_never_worse():
     assert (best[1:] <= best[:-1]).all()
     assert (best[-1] < best[0]).any()
     assert len({tuple(order) for order in widest[0].tolist()}) > 1
+
+
+@pytest.mark.parametrize("how", ["bin-aware-best-of-2", "bin-aware-search", "brkga-seeded"])
+def test_every_search_takes_a_policy_of_positions(how):
+    config = replace(TINY, policy=replace(TINY.policy, positions=("far-corner",)))
+    params = init_network(config.policy, config.problem, jax.random.key(0))
+    genetic = BrkgaConfig(population=12, generations=1)
+    options = MethodOptions(policy=Policy(config, params), brkga=genetic, rounds=1)
+    instances = sample(config.problem, config.distribution, jax.random.key(1), 4)
+    method = make_method(how, config.problem, options)
+    orders = jax.jit(method.orders)(jax.random.split(jax.random.key(2), 4), instances)
+    packings = pack_orders(config.problem, instances, orders)
+    check_packings(config.problem, *lying(instances, orders), packings, how)
