@@ -39,6 +39,7 @@ from jaxpack.model.tariff import Tariff as Tariff
 from jaxpack.packing.env import Choice as Choice
 from jaxpack.packing.env import Decisions as Decisions
 from jaxpack.packing.env import choice_of as choice_of
+from jaxpack.packing.env import decisions_of as decisions_of
 from jaxpack.packing.env import observe as observe
 from jaxpack.packing.env import positions as positions
 from jaxpack.packing.env import reset as reset

@@ -78,6 +78,29 @@ def test_a_notebook_runs(notebook, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def code_of(page):
+    """All Python of a page or a notebook, as one program."""
+    if page.endswith(".ipynb"):
+        cells = json.loads((ROOT / page).read_text())["cells"]
+        return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
+    return "\n".join(text for _, language, text in blocks(page) if language == "python")
+
+
+def test_no_page_calls_what_is_not_there(tmp_path):
+    """A name or a parameter that is gone, found before the slow tests run all that pages say."""
+    for page in [*PAGES, *(str(path.relative_to(ROOT)) for path in NOTEBOOKS)]:
+        if code := code_of(page):
+            (tmp_path / f"{re.sub('[^a-z]', '_', page.lower())}.py").write_text(code)
+    (tmp_path / "mypy.ini").write_text(
+        "[mypy]\ncheck_untyped_defs = true\nignore_missing_imports = true\n"
+        "follow_imports = silent\ndisable_error_code = var-annotated, operator\n"
+    )
+    command = [sys.executable, "-m", "mypy", "--config-file", str(tmp_path / "mypy.ini")]
+    command += ["--cache-dir", str(tmp_path / "cache"), str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
 def test_a_notebook_is_small_and_has_run_to_its_end(notebook):
     text = notebook.read_text()

@@ -73,7 +73,16 @@ def test_every_name_is_there_for_a_program_and_for_a_type_checker():
 
 
 # Made for jit: they refuse nothing.
-PURE = {"sample", "make_train", "reset", "observe", "positions", "choice_of", "step"}
+PURE = {
+    "sample",
+    "make_train",
+    "reset",
+    "observe",
+    "positions",
+    "choice_of",
+    "step",
+    "decisions_of",
+}
 
 
 @pytest.mark.parametrize("name", PUBLIC)

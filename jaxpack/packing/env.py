@@ -249,10 +249,11 @@ def decisions_of(kinds: Kinds, chosen: Choice) -> Decisions:
     """The decisions that a sequence of choices stands for, batch first: leaves [B, N].
 
     Args:
+        kinds: those of the state that the choices began from.
         chosen: leaves [N, B], the choice of each step; kind N where nothing was left.
 
     Returns:
-        Items that were never placed come last.
+        What `jaxpack.pack` makes the same packing of; items that were never placed come last.
     """
     steps, member = (
         jax.lax.broadcasted_iota(jnp.int32, chosen.kind.shape, 0),
