@@ -27,13 +27,21 @@ def pages_with(slow):
     return [p for p in PAGES if any(b[0] == slow and b[1] != "text" for b in blocks(p))]
 
 
+def surroundings(slow):
+    """The environment of a command. What is slow is so by running: the flags of the tests have XLA
+    compile in no time what then runs for long.
+    """
+    ours = ("PYTEST", "XLA_FLAGS") if slow else ("PYTEST",)
+    return {name: value for name, value in os.environ.items() if not name.startswith(ours)}
+
+
 def run(folder, block, names):
     """Runs a block as somebody would who has just come to the project."""
-    _, language, text = block
+    slow, language, text = block
     if language == "python":
         exec(compile(text, "a block of Python", "exec"), names)
     elif language == "sh":
-        here = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+        here = surroundings(slow)
         here["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         here["PYTEST_ADDOPTS"] = "tests/test_imports.py"  # where it runs tests, some
         command = ["bash", "-euo", "pipefail", "-c", text]
@@ -74,7 +82,8 @@ def test_all_blocks_of_a_page_run(page, project):
 def test_a_notebook_runs(notebook, tmp_path):
     copy = shutil.copy(notebook, tmp_path)
     command = [sys.executable, "-m", "jupyter", "execute", copy]
-    done = subprocess.run(command, capture_output=True, text=True)
+    here = surroundings(slow=True)
+    done = subprocess.run(command, env=here, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 
