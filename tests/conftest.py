@@ -46,6 +46,11 @@ def add_flag(flag):
         os.environ.update(more)
 
 
+def pytest_collection_modifyitems(items):
+    """The pages first: each takes minutes, and one that came last would keep one core waiting."""
+    items.sort(key=lambda item: not item.nodeid.startswith("tests/test_docs.py"))
+
+
 def pytest_collection_finish():
     """What is imported stays: to look through it for garbage, again and again while programs are
     traced, takes a tenth of all time.

@@ -27,21 +27,25 @@ def pages_with(slow):
     return [p for p in PAGES if any(b[0] == slow and b[1] != "text" for b in blocks(p))]
 
 
-def surroundings(slow):
-    """The environment of a command. What is slow is so by running: the flags of the tests have XLA
-    compile in no time what then runs for long.
+COMPILED = ("docs/train.md",)
+"""Pages whose commands compile for longer than they run."""
+
+
+def surroundings(page, slow):
+    """The environment of a command. The flags of the tests have XLA compile in no time what then
+    runs for long: what is slow goes without, where running is what takes long.
     """
-    ours = ("PYTEST", "XLA_FLAGS") if slow else ("PYTEST",)
+    ours = ("PYTEST", "XLA_FLAGS") if slow and page not in COMPILED else ("PYTEST",)
     return {name: value for name, value in os.environ.items() if not name.startswith(ours)}
 
 
-def run(folder, block, names):
-    """Runs a block as somebody would who has just come to the project."""
+def run(page, folder, block, names):
+    """Runs a block of a page as somebody would who has just come to the project."""
     slow, language, text = block
     if language == "python":
         exec(compile(text, "a block of Python", "exec"), names)
     elif language == "sh":
-        here = surroundings(slow)
+        here = surroundings(page, slow)
         here["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         here["PYTEST_ADDOPTS"] = "tests/test_imports.py"  # where it runs tests, some
         command = ["bash", "-euo", "pipefail", "-c", text]
@@ -63,7 +67,7 @@ def test_the_blocks_of_a_page_run(page, project):
     names: dict = {}
     for block in blocks(page):
         if not block[0]:
-            run(project, block, names)
+            run(page, project, block, names)
     if page == "README.md":
         assert names["solution"].figures.bins == names["solution"].bound == 1
         assert (project / "plan.html").stat().st_size > 100_000
@@ -74,7 +78,7 @@ def test_the_blocks_of_a_page_run(page, project):
 def test_all_blocks_of_a_page_run(page, project):
     names: dict = {}
     for block in blocks(page):
-        run(project, block, names)
+        run(page, project, block, names)
 
 
 @pytest.mark.slow
@@ -82,7 +86,7 @@ def test_all_blocks_of_a_page_run(page, project):
 def test_a_notebook_runs(notebook, tmp_path):
     copy = shutil.copy(notebook, tmp_path)
     command = [sys.executable, "-m", "jupyter", "execute", copy]
-    here = surroundings(slow=True)
+    here = surroundings(notebook.name, slow=True)
     done = subprocess.run(command, env=here, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
