@@ -12,7 +12,7 @@ import pytest
 
 from jaxpack.errors import UserError
 from jaxpack.evaluate import main
-from jaxpack.learning.online_value import NOWHERE, init_value
+from jaxpack.learning.online_value import init_value
 from jaxpack.model.box_check import Boxes
 from jaxpack.model.online_check import Played, check_online
 from jaxpack.model.packing_check import InvalidPackingError
@@ -20,7 +20,16 @@ from jaxpack.model.problem import Problem
 from jaxpack.model.stability_check import off_centre
 from jaxpack.online import OnlineComparison, compare_online, sequences_of
 from jaxpack.packing.online import TURNS, Setting, empty, look, place
-from jaxpack.packing.online_view import at_edges, fits, places, roughness
+from jaxpack.packing.online_view import (
+    NOWHERE,
+    PIECE,
+    after,
+    at_edges,
+    fits,
+    places,
+    roughness,
+    scores,
+)
 from jaxpack.search.online import RULES, Known, by_rule, choice_of, play, scored, value_rule
 from jaxpack.search.online_plan import planned
 
@@ -278,7 +287,38 @@ def test_places_are_the_lowest_at_edges():
     same = np.asarray(items[8][0] == items[8][1])
     np.testing.assert_array_equal(found.there.sum(0), np.where(same, 4, 8))
     assert played.item.shape == (8, B)
-    assert (np.asarray(found.heights).max((0, 1))[found.there] >= 1).all()
+
+
+def test_bins_side_by_side_are_looked_at_as_alone():
+    """Places in pieces, the last of them not full, and bins with no place, some and many."""
+    lanes = 24
+    items, alone = drawn(SMALL_ALL, 9, lanes=lanes), jax.jit(partial(look, SMALL_ALL))
+    params = init_value(SMALL_ALL, jax.random.key(5))
+    params["out"] = jax.random.normal(jax.random.key(6), params["out"].shape)
+    score = value_rule(params)
+    see, judge = (jax.jit(partial(f, SMALL_ALL)) for f in (places, partial(scores, score=score)))
+    state, put = empty(SMALL_ALL, lanes), jax.jit(partial(place, SMALL_ALL))
+    for item in items[:8]:
+        offers = alone(state, item)
+        first = see(state, offers).number[0]
+        may = jnp.arange(lanes) % 4 > 0
+        may &= see(state, offers).there[0] & (jnp.arange(lanes) % 8 < item[0] + 4)
+        state = put(state, offers, first, may)
+    found = see(state, alone(state, items[8]))
+    assert 2 * PIECE < found.there.sum() < found.there.size
+    together = judge(state=state, found=found)
+    for b in range(lanes):
+        one = jax.tree.map(lambda leaf, b=b: leaf[..., b : b + 1], (state, found))
+        np.testing.assert_allclose(judge(state=one[0], found=one[1])[:, 0], together[:, b], 2e-5)
+    offers = alone(state, items[8])
+    for row in (0, 3):
+        there = jax.tree.map(lambda leaf, row=row: leaf[row], found)
+        then = put(state, offers, there.number, there.there)
+        heights, _ = jax.jit(partial(after, SMALL_ALL))(state, there)
+        same = (heights == then.heights[:6, :6]).all((0, 1))
+        assert same[there.there].all()
+        assert there.there.any()
+    assert (together[~found.there] == NOWHERE).all()
 
 
 @pytest.mark.slow

@@ -15,13 +15,20 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxpack.learning.parameters import Params
-from jaxpack.packing.online import Offers, Setting, State, empty, look, place
-from jaxpack.packing.online_view import Places, fits, levels, places, roughness
+from jaxpack.packing.online import Setting, State, empty, look, place
+from jaxpack.packing.online_view import (
+    Places,
+    Score,
+    after,
+    fits,
+    levels,
+    places,
+    roughness,
+    scores,
+)
 from jaxpack.xla.programs import apart
 
 HIDDEN = (128, 32)
-NOWHERE = -1e9
-"""What padding is worth."""
 
 
 class Step(NamedTuple):
@@ -29,7 +36,7 @@ class Step(NamedTuple):
 
     state: State
     fits: Array  # bool [B], whether there was a place for it
-    heights: Array  # cell_dtype [L, W, B], of `Places`, where it went
+    heights: Array  # cell_dtype [L, W, B], see `after`
     firm: Array  # bool [L, W, B]
     value: Array  # float32 [B], of these
 
@@ -94,15 +101,15 @@ def worth(setting: Setting, params: Params, heights: Array, firm: Array) -> Arra
     return (share * free).reshape(heights.shape[2:])
 
 
-def best_place(
-    setting: Setting, params: Params, state: State, offers: Offers
-) -> tuple[Places, Array, Array]:
-    """(the places, what the bin is worth after each: float32 [K, B], the best: int32 [B])."""
-    always = (state.heights >= 0).any()
-    seen = apart(always, partial(places, setting), state, offers)
-    values = apart(always, partial(worth, setting, params), seen.heights, seen.firm)
-    values = jnp.where(seen.there, values, NOWHERE)
-    return seen, values, jnp.argmax(values, 0)
+def worth_after(params: Params) -> Score:
+    """What the bin is worth with the item."""
+
+    def score(setting: Setting, state: State, place: Places) -> Array:
+        heights, firm = after(setting, state, place)
+        always = (place.number >= 0).any()
+        return apart(always, partial(worth, setting, params), heights, firm)
+
+    return score
 
 
 def greedy_step(setting: Setting, params: Params, state: State, items: Array) -> Step:
@@ -112,15 +119,12 @@ def greedy_step(setting: Setting, params: Params, state: State, items: Array) ->
         items: int [3, B].
     """
     offers = look(setting, state, items)
-    seen, values, best = best_place(setting, params, state, offers)
-
-    def taken(leaf: Array) -> Array:
-        return jnp.take_along_axis(leaf, best[None], 0)[0]
-
-    there = taken(seen.there)
-    state = place(setting, state, offers, taken(seen.number), there)
-    after = [
-        jnp.take_along_axis(leaf, best[None, None, None], 2)[:, :, 0]
-        for leaf in (seen.heights, seen.firm)
-    ]
-    return Step(state, there, after[0], after[1], taken(values))
+    found = apart((state.heights >= 0).any(), partial(places, setting), state, offers)
+    values = scores(setting, worth_after(params), state, found)
+    best = jnp.argmax(values, 0)
+    value, taken = jax.tree.map(
+        lambda leaf: jnp.take_along_axis(leaf, best[None], 0)[0], (values, found)
+    )
+    heights, firm = after(setting, state, taken)
+    state = place(setting, state, offers, taken.number, taken.there)
+    return Step(state, taken.there, heights, firm, value)

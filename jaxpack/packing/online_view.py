@@ -4,6 +4,7 @@ Axes: K places of a bin side by side, B bins, last. A sum or a minimum over cell
 rows here: XLA's own is thirty times slower over leading axes.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -13,17 +14,25 @@ from jax import Array
 
 from jaxpack.packing.online import Offers, Setting, State
 from jaxpack.packing.surface import Triple
+from jaxpack.xla.target import target
+
+PIECE = 128
+"""Places that a core looks at together."""
+NOWHERE = -1e9
+"""The score of padding."""
 
 
 class Places(NamedTuple):
-    """Where the next item may stand, and the bin from above once it does."""
+    """Where the next item may stand; leaves [K, B], or some of these side by side [N]."""
 
-    number: Array  # int32 [K, B], of the offer
-    there: Array  # bool [K, B], False for padding
-    sides: Triple  # [K, B] each, of the item as it lies
-    corner: Triple  # [K, B] each
-    heights: Array  # cell_dtype [L, W, K, B], without walls
-    firm: Array  # bool [L, W, K, B], of the item itself only what lies on what is firm
+    number: Array  # int32, of the offer
+    there: Array  # bool, False for padding, which comes last
+    sides: Triple  # of the item as it lies
+    corner: Triple
+
+
+Score = Callable[[Setting, State, Places], Array]
+"""(what holds, bins [..., N], a place in each [N]) -> float32 [N]; the largest is taken."""
 
 
 class Fits(NamedTuple):
@@ -41,19 +50,52 @@ def places(setting: Setting, state: State, offers: Offers) -> Places:
     An edge is a wall or a step between two cells: along each axis one end of the item has to be
     at one. What is left out stands in the open, with a gap beside it.
     """
-    L, W, _ = setting.problem.bin
+    _, W, _ = setting.problem.bin
     number, there = _lowest(setting, offers.z, offers.allowed & at_edges(setting, state, offers))
-    turn, spot = jnp.divmod(number, L * W)
+    turn, spot = jnp.divmod(number, np.prod(setting.problem.bin[:2]))
     x, y = (leaf.astype(offers.z.dtype) for leaf in jnp.divmod(spot, W))
     length, width, height = (jnp.take_along_axis(side, turn, 0) for side in offers.sides)
     z = jnp.take_along_axis(offers.z.reshape(-1, number.shape[1]), number, 0)
+    return Places(number, there, (length, width, height), (x, y, z))
+
+
+def after(setting: Setting, state: State, place: Places) -> tuple[Array, Array]:
+    """Bins from above once their next item stands there: (heights cell_dtype, firm bool) [L, W, N].
+
+    Without walls; of the item itself only what lies on what is firm is firm.
+    """
+    L, W, _ = setting.problem.bin
+    (length, width, height), (x, y, z) = place.sides, place.corner
     X, Y = (jnp.arange(side, dtype=z.dtype) for side in (L, W))
-    X, Y = X[:, None, None, None], Y[:, None, None]
+    X, Y = X[:, None, None], Y[:, None]
     covered = (x <= X) & (x + length > X) & (y <= Y) & (y + width > Y)
-    before, firm = (leaf[:L, :W, None] for leaf in state)
+    before, firm = (leaf[:L, :W] for leaf in state)
     heights = jnp.where(covered, z + height, before)
-    firm = jnp.where(covered, (before == z) & firm, firm)
-    return Places(number, there, (length, width, height), (x, y, z), heights, firm)
+    return heights, jnp.where(covered, (before == z) & firm, firm)
+
+
+def scores(setting: Setting, score: Score, state: State, found: Places) -> Array:
+    """The score of every place: float32 [K, B], `NOWHERE` of padding.
+
+    On a CPU the places of all bins are looked at in pieces of `PIECE`, without the padding, which
+    is more than half of them.
+    """
+    K, B = found.there.shape
+    size = min(PIECE, K * B) if target().whole_loops else K * B
+    ends = jnp.cumsum(found.there.sum(0, dtype=jnp.int32))
+    starts = jnp.concatenate([jnp.zeros(1, jnp.int32), ends[:-1]])
+
+    def look_at(piece: Array, done: Array) -> Array:
+        slot = piece * size + jnp.arange(size, dtype=jnp.int32)
+        member = jnp.minimum((slot >= ends[:, None]).sum(0), B - 1)
+        row = jnp.minimum(slot - starts[member], K - 1)
+        places = jax.tree.map(lambda leaf: leaf[row, member], found)
+        bins = jax.tree.map(lambda leaf: leaf[..., member], state)
+        return jax.lax.dynamic_update_slice(done, score(setting, bins, places), [piece * size])
+
+    nothing = jnp.zeros(-(-K * B // size) * size)
+    done = jax.lax.fori_loop(0, -(-ends[-1] // size), look_at, nothing)
+    return jnp.where(found.there, done[starts + jnp.arange(K)[:, None]], NOWHERE)
 
 
 def at_edges(setting: Setting, state: State, offers: Offers) -> Array:
@@ -81,26 +123,12 @@ def at_edges(setting: Setting, state: State, offers: Offers) -> Array:
 
 def _lowest(setting: Setting, z: Array, allowed: Array) -> tuple[Array, Array]:
     """(numbers int32 [K, B], bool [K, B] which of them are any) of the allowed with the least z."""
-    H, B = setting.problem.bin[2], z.shape[-1]
-    z = jnp.where(allowed, z, H).reshape(-1, B)
-    levels = jnp.arange(H, dtype=z.dtype)[:, None]
-
-    def count(i: Array, found: Array) -> Array:
-        return found + (z[i] == levels)
-
-    counts = jax.lax.fori_loop(0, len(z), count, jnp.zeros((H, B), jnp.int16))
-    ends = jnp.cumsum(counts, 0, dtype=jnp.int16)
-    slots = jnp.arange(setting.most, dtype=jnp.int16)[:, None]
-
-    def put(i: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        following, numbers = now
-        here = z[i] == levels
-        slot = jnp.where(here, following + 1, 0).sum(0, dtype=jnp.int16) - 1  # -1: of none
-        return following + here, jnp.where(slots == slot, i.astype(jnp.int16), numbers)
-
-    start = ends - counts, jnp.zeros((setting.most, B), jnp.int16)
-    _, numbers = jax.lax.fori_loop(0, len(z), put, start)
-    return numbers.astype(jnp.int32), slots < ends[-1]
+    B, H = z.shape[-1], setting.problem.bin[2]
+    z = jnp.where(allowed, z, H).reshape(-1, B).T
+    # Of equal ones the first. In float32, for which XLA has a partial sort on a CPU; it is exact.
+    rank = z * np.float32(z.shape[1]) + np.arange(z.shape[1], dtype=np.float32)
+    least, numbers = jax.lax.top_k(-rank, setting.most)
+    return numbers.T, (-least < H * z.shape[1]).T
 
 
 def fits(setting: Setting, heights: Array, firm: Array, window: tuple[int, int]) -> Fits:

@@ -17,17 +17,14 @@ import numpy as np
 from jax import Array
 
 from jaxpack.errors import UserError
-from jaxpack.learning.online_value import NOWHERE, worth
+from jaxpack.learning.online_value import worth_after
 from jaxpack.learning.parameters import Params
 from jaxpack.model.online_check import Played
 from jaxpack.packing.online import Offers, Setting, State, chosen, empty, look, place
-from jaxpack.packing.online_view import Places, fits, places, roughness
+from jaxpack.packing.online_view import Places, Score, after, fits, places, roughness, scores
 from jaxpack.xla.programs import apart
 
 LANES = 16  # sequences that a core packs at once: what is looked at of them stays in its cache
-
-Score = Callable[[Setting, State, Places], Array]
-"""(what holds, the bins, where their items may go) -> float32 [K, B], the largest is taken."""
 
 
 class Choice(NamedTuple):
@@ -50,23 +47,23 @@ Chooser = Callable[[State, Known, Array], Choice]
 """(bins, what is known, typed keys [B]) -> what is placed where."""
 
 
-def least_z(setting: Setting, state: State, seen: Places) -> Array:
+def least_z(setting: Setting, state: State, place: Places) -> Array:
     """The lowest place."""
-    return -seen.corner[2].astype(jnp.float32)
+    return -place.corner[2].astype(jnp.float32)
 
 
-def best_fit(setting: Setting, state: State, seen: Places) -> Array:
+def best_fit(setting: Setting, state: State, place: Places) -> Array:
     """Where the free space around the item at its height is tightest: the smaller of what is left
     of it along x and along y, then their sum, then the height.
     """
     L, W, _ = setting.problem.bin
-    x, y, z = seen.corner
-    length, width, _ = seen.sides
-    higher = state.heights[:L, :W, None] > z
-    X, Y = jnp.arange(L)[:, None, None], jnp.arange(W)[:, None, None]
+    x, y, z = place.corner
+    length, width, _ = place.sides
+    higher = state.heights[:L, :W] > z
+    X, Y = jnp.arange(L)[:, None], jnp.arange(W)[:, None]
     beside = (
-        (higher & (y <= Y) & (y + width > Y)).any(1),  # [L, K, B]
-        (higher & ((x <= X) & (x + length > X))[:, None]).any(0),  # [W, K, B]
+        (higher & (y <= Y) & (y + width > Y)).any(1),  # [L, N]
+        (higher & ((x <= X) & (x + length > X))[:, None]).any(0),  # [W, N]
     )
     left = []
     for blocked, cells, start, side, whole in zip(
@@ -79,33 +76,34 @@ def best_fit(setting: Setting, state: State, seen: Places) -> Array:
     return -(least * 1e4 + both * 1e2 + z).astype(jnp.float32)
 
 
-def largest_space(setting: Setting, state: State, seen: Places) -> Array:
+def largest_space(setting: Setting, state: State, place: Places) -> Array:
     """Where the largest rectangle that is free above each height, summed up, stays largest
     (maximise accessible convex space: Hu et al., TAP-Net, 2020).
     """
     L, W, H = setting.problem.bin
-    found = fits(setting, seen.heights, seen.firm, (L, W)).lowest  # [L W, K, B]
+    found = fits(setting, *after(setting, state, place), (L, W)).lowest  # [L W, N]
     areas = jnp.asarray(np.outer(np.arange(1, L + 1), np.arange(1, W + 1)).ravel(), jnp.int16)
 
     def at(level: Array, total: Array) -> Array:
-        free = jnp.where(found <= level, areas[:, None, None], 0)
+        free = jnp.where(found <= level, areas[:, None], 0)
         return total + free.max(0)
 
     return jax.lax.fori_loop(0, H, at, jnp.zeros(found.shape[1:], jnp.int16)).astype(jnp.float32)
 
 
-def flattest(setting: Setting, state: State, seen: Places) -> Array:
+def flattest(setting: Setting, state: State, place: Places) -> Array:
     """Where the surface is smoothest afterwards, and hides least: the steps between its cells and
     its heights, summed up, are least.
     """
     L, W, _ = setting.problem.bin
-    rows = seen.heights.reshape(L * W, *seen.heights.shape[2:])
+    cells, _ = after(setting, state, place)
+    rows = cells.reshape(L * W, -1)
 
     def add(i: Array, total: Array) -> Array:
         return total + rows[i]
 
     heights = jax.lax.fori_loop(0, L * W, add, jnp.zeros(rows.shape[1:], jnp.int16))
-    return -(roughness(seen.heights)[0] + heights).astype(jnp.float32)
+    return -(roughness(cells)[0] + heights).astype(jnp.float32)
 
 
 RULES: dict[str, Score] = {
@@ -119,10 +117,10 @@ RULES: dict[str, Score] = {
 def value_rule(params: Params) -> Score:
     """Where most will be in the bin in the end, as the network expects."""
 
-    def score(setting: Setting, state: State, seen: Places) -> Array:
-        volume = seen.sides[0].astype(jnp.float32) * seen.sides[1] * seen.sides[2]
-        whole = np.prod(setting.problem.bin)
-        return volume / whole + worth(setting, params, seen.heights, seen.firm)
+    def score(setting: Setting, state: State, place: Places) -> Array:
+        length, width, height = place.sides
+        volume = length.astype(jnp.float32) * width * height
+        return volume / np.prod(setting.problem.bin) + worth_after(params)(setting, state, place)
 
     return score
 
@@ -148,17 +146,16 @@ def scored(
 ) -> tuple[list[Offers], Array, Array]:
     """Every place of every held item: (offers by item, numbers and scores [W K, B] each)."""
     always, every = (state.heights >= 0).any(), []
-    numbers, scores = [], []
+    numbers, found = [], []
     for item in held:
         real = item[0] > 0
         offers = look(setting, state, jnp.maximum(item, 1))
         offers = offers._replace(allowed=offers.allowed & real)
-        seen = apart(always, partial(places, setting), state, offers)
-        found = apart(always, partial(score, setting), state, seen)
+        here = apart(always, partial(places, setting), state, offers)
         every.append(offers)
-        numbers.append(seen.number)
-        scores.append(jnp.where(seen.there, found, NOWHERE))
-    return every, jnp.concatenate(numbers), jnp.concatenate(scores)
+        numbers.append(here.number)
+        found.append(scores(setting, score, state, here))
+    return every, jnp.concatenate(numbers), jnp.concatenate(found)
 
 
 def choice_of(setting: Setting, every: list[Offers], numbers: Array, row: Array) -> Choice:
@@ -174,8 +171,8 @@ def by_rule(setting: Setting, score: Score) -> Chooser:
     """Takes the place with the largest score."""
 
     def choose(state: State, known: Known, keys: Array) -> Choice:
-        every, numbers, scores = scored(setting, score, state, known.held)
-        return choice_of(setting, every, numbers, jnp.argmax(scores, 0))
+        every, numbers, found = scored(setting, score, state, known.held)
+        return choice_of(setting, every, numbers, jnp.argmax(found, 0))
 
     return choose
 

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxpack.learning.online_value import NOWHERE
 from jaxpack.learning.parameters import Params
 from jaxpack.packing.online import TURNS, Setting, State, chosen, place
+from jaxpack.packing.online_view import NOWHERE
 from jaxpack.search.online import (
     LANES,
     Choice,
