@@ -118,8 +118,9 @@ def greedy_step(setting: Setting, params: Params, state: State, items: Array) ->
     Args:
         items: int [3, B].
     """
-    offers = look(setting, state, items)
-    found = apart((state.heights >= 0).any(), partial(places, setting), state, offers)
+    always = (state.heights >= 0).any()
+    offers = apart(always, partial(look, setting), state, items)
+    found = apart(always, partial(places, setting), state, offers)
     values = scores(setting, worth_after(params), state, found)
     best = jnp.argmax(values, 0)
     value, taken = jax.tree.map(

@@ -5,6 +5,7 @@ rows here: XLA's own is thirty times slower over leading axes.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -14,6 +15,7 @@ from jax import Array
 
 from jaxpack.packing.online import Offers, Setting, State
 from jaxpack.packing.surface import Triple
+from jaxpack.xla.programs import apart
 from jaxpack.xla.target import target
 
 PIECE = 128
@@ -51,7 +53,8 @@ def places(setting: Setting, state: State, offers: Offers) -> Places:
     at one. What is left out stands in the open, with a gap beside it.
     """
     _, W, _ = setting.problem.bin
-    number, there = _lowest(setting, offers.z, offers.allowed & at_edges(setting, state, offers))
+    edges = apart((state.heights >= 0).any(), partial(at_edges, setting), state, offers)
+    number, there = _lowest(setting, offers.z, offers.allowed & edges)
     turn, spot = jnp.divmod(number, np.prod(setting.problem.bin[:2]))
     x, y = (leaf.astype(offers.z.dtype) for leaf in jnp.divmod(spot, W))
     length, width, height = (jnp.take_along_axis(side, turn, 0) for side in offers.sides)

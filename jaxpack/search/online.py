@@ -24,7 +24,7 @@ from jaxpack.packing.online import Offers, Setting, State, chosen, empty, look, 
 from jaxpack.packing.online_view import Places, Score, after, fits, places, roughness, scores
 from jaxpack.xla.programs import apart
 
-LANES = 16  # sequences that a core packs at once: what is looked at of them stays in its cache
+LANES = 32  # sequences that a core packs at once: what is looked at of them stays in its cache
 
 
 class Choice(NamedTuple):
@@ -149,7 +149,7 @@ def scored(
     numbers, found = [], []
     for item in held:
         real = item[0] > 0
-        offers = look(setting, state, jnp.maximum(item, 1))
+        offers = apart(always, partial(look, setting), state, jnp.maximum(item, 1))
         offers = offers._replace(allowed=offers.allowed & real)
         here = apart(always, partial(places, setting), state, offers)
         every.append(offers)
