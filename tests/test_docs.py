@@ -106,12 +106,15 @@ def test_no_page_calls_what_is_not_there(tmp_path):
             (tmp_path / f"{re.sub('[^a-z]', '_', page.lower())}.py").write_text(code)
     (tmp_path / "mypy.ini").write_text(
         "[mypy]\ncheck_untyped_defs = true\nignore_missing_imports = true\n"
-        "follow_imports = silent\ndisable_error_code = var-annotated, operator\n"
+        "follow_imports = silent\n"
     )
     command = [sys.executable, "-m", "mypy", "--config-file", str(tmp_path / "mypy.ini")]
     command += ["--cache-dir", str(tmp_path / "cache"), str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode <= 1, done.stdout + done.stderr
+    # What else it says of types differs from release to release of what is called.
+    wrong = re.findall(r".*\[(?:call-arg|attr-defined|name-defined)\]$", done.stdout, re.MULTILINE)
+    assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda notebook: notebook.stem)
