@@ -321,6 +321,17 @@ def test_bins_side_by_side_are_looked_at_as_alone():
     assert (together[~found.there] == NOWHERE).all()
 
 
+def test_a_bin_may_have_fewer_places_than_are_looked_at():
+    tiny = Setting(Problem((4, 4, 4), (2, 2), support=0))
+    assert tiny.most > 2 * 4 * 4
+    items = drawn(tiny, 30)
+    played = jax.jit(partial(play, tiny, by_rule(tiny, RULES["least-z"])))(items, keys())
+    batch = [np.moveaxis(np.asarray(leaf), -1, 0) for leaf in played]
+    check_online((4, 4, 4), TURNS["upright"], True, np.moveaxis(np.asarray(items), -1, 0),
+                 Played(*batch))  # fmt: skip
+    assert ((played.item >= 0).sum(0) > 3).all()
+
+
 @pytest.mark.slow
 def test_the_value_fills_more_than_the_rules():
     """On sequences that it was not trained on, each packing checked."""

@@ -126,12 +126,14 @@ def at_edges(setting: Setting, state: State, offers: Offers) -> Array:
 
 def _lowest(setting: Setting, z: Array, allowed: Array) -> tuple[Array, Array]:
     """(numbers int32 [K, B], bool [K, B] which of them are any) of the allowed with the least z."""
-    B, H = z.shape[-1], setting.problem.bin[2]
+    B, H, most = z.shape[-1], setting.problem.bin[2], setting.most
     z = jnp.where(allowed, z, H).reshape(-1, B).T
+    N = z.shape[1]
     # Of equal ones the first. In float32, for which XLA has a partial sort on a CPU; it is exact.
-    rank = z * np.float32(z.shape[1]) + np.arange(z.shape[1], dtype=np.float32)
-    least, numbers = jax.lax.top_k(-rank, setting.most)
-    return numbers.T, (-least < H * z.shape[1]).T
+    rank = z * np.float32(N) + np.arange(N, dtype=np.float32)
+    rank = jnp.pad(rank, ((0, 0), (0, max(0, most - N))), constant_values=H * N)
+    least, numbers = jax.lax.top_k(-rank, most)
+    return jnp.minimum(numbers, N - 1).T, (-least < H * N).T
 
 
 def fits(setting: Setting, heights: Array, firm: Array, window: tuple[int, int]) -> Fits:
