@@ -81,7 +81,7 @@ def scores(setting: Setting, score: Score, state: State, found: Places) -> Array
     """The score of every place: float32 [K, B], `NOWHERE` of padding.
 
     On a CPU the places of all bins are looked at in pieces of `PIECE`, without the padding, which
-    is more than half of them.
+    is about half of them.
     """
     K, B = found.there.shape
     size = min(PIECE, K * B) if target().whole_loops else K * B
@@ -129,7 +129,8 @@ def _lowest(setting: Setting, z: Array, allowed: Array) -> tuple[Array, Array]:
     B, H, most = z.shape[-1], setting.problem.bin[2], setting.most
     z = jnp.where(allowed, z, H).reshape(-1, B).T
     N = z.shape[1]
-    # Of equal ones the first. In float32, for which XLA has a partial sort on a CPU; it is exact.
+    # Of equal ones the first. In float32, for which XLA has a partial sort on a CPU: exact up to
+    # 2^24, so in bins up to 140 x 140 x 140 cells.
     rank = z * np.float32(N) + np.arange(N, dtype=np.float32)
     rank = jnp.pad(rank, ((0, 0), (0, max(0, most - N))), constant_values=H * N)
     least, numbers = jax.lax.top_k(-rank, most)
