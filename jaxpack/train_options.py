@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,9 +32,21 @@ WHOLE = (
     "hidden",
     "halves",
 )
-REAL = ("learning_rate", "average", "entropy", "clip", "loss_steps", "alpha", "beta")
+REAL = (
+    "learning_rate",
+    "average",
+    "entropy",
+    "clip",
+    "loss_steps",
+    "discount",
+    "alpha",
+    "beta",
+    "input_centre",
+    "input_scale",
+)
 """The options that are numbers, or lists of them."""
-OTHERS = ("items", "bin", "hidden")  # of these, what a recipe has elsewhere
+OF_NETWORK = ("hidden", "input_centre", "input_scale")
+OTHERS = ("items", "bin", *OF_NETWORK)  # of these, what a recipe has elsewhere
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,10 @@ class TrainOptions:
     objective: str | None = None
     """What is minimised: bins (bins, then C, then P) or paper (R)."""
     learner: str | None = None
-    """critic, leave-one-out, leave-one-out-by-bin, or self-label: imitate the best sample."""
+    """critic, leave-one-out, leave-one-out-by-bin, leave-one-out-by-waste, or self-label: imitate
+    the best sample."""
+    discount: str | None = None
+    """Of what a bin wastes to a choice one bin before: leave-one-out-by-waste only."""
     samples: str | None = None
     """Orders drawn per instance."""
     entropy: str | None = None
@@ -107,6 +122,10 @@ class TrainOptions:
     """Weight of pyramid in the cost."""
     hidden: str | None = None
     """Width of the network."""
+    input_centre: str | None = None
+    """What is taken from all that the network sees, as shares: bin-aware only."""
+    input_scale: str | None = None
+    """What that is multiplied by."""
     positions: str | None = None
     """Position rules among which the policy chooses beside the problem's, separated by commas:
     nearest-corner, far-corner, least-wasted, most-contact (slow); bin-aware only."""
@@ -200,8 +219,10 @@ def make_recipe(
         if getattr(options, name) is not None:
             given[name] = getattr(options, name)
     policy = recipe.policy
-    if "hidden" in numbers:
-        policy = replace(policy, hidden=numbers["hidden"])
+    if shape := {name: numbers[name] for name in OF_NETWORK if name in numbers}:
+        if unknown := shape.keys() - {field.name for field in fields(policy)}:
+            raise UserError(f"--{min(unknown).replace('_', '-')}: {options.preset} has none")
+        policy = replace(policy, **shape)
     if options.positions is not None:
         if not hasattr(policy, "positions"):
             raise UserError(f"--positions: {options.preset} chooses none, use bin-aware")

@@ -346,6 +346,29 @@ def test_what_fills_whole_bins_leaves_nothing_over(most):
         np.testing.assert_allclose(see(some), over[:size], atol=1e-4)
 
 
+def test_a_policy_decides_the_same_however_its_inputs_are_scaled():
+    problem = PAPER_3D
+    was = BinAwareConfig(hidden=16, sees="all", input_centre=0.1, input_scale=2.0)
+    now = replace(was, input_centre=0.3, input_scale=4.0)
+    leaves, tree = jax.tree.flatten(was.init(problem, jax.random.key(0)))
+    keys = jax.random.split(jax.random.key(1), len(leaves))
+    drawn = [jax.random.normal(k, leaf.shape) / 4 for k, leaf in zip(keys, leaves, strict=True)]
+    params = tree.unflatten(drawn)
+    view = view_of(problem)
+    instances = sample(problem, Distribution(items=12, low=2, high=5), jax.random.key(2), 32)
+    state = reset(view, batch_last(instances), 12)
+    for _ in range(8):
+        choices = observe(view, state)
+        one, other = (
+            scores(network, weights, look(network, view, state, choices))
+            for network, weights in ((was, params), (now, now.adopt(was, params)))
+        )
+        np.testing.assert_allclose(one, other, atol=1e-4)
+        unlike = scores(now, params, look(now, view, state, choices))
+        assert np.abs(unlike - one).max() > 0.1, "whatever the scale, it would be the same"
+        state = step(view, state, choice_of(view, state, choices, one.argmax(0).astype(jnp.int32)))
+
+
 TINY = TrainConfig(
     problem=Problem(bin=(4, 1, 4), largest=(4, 1)),
     distribution=Distribution(items=3, low=1, high=4),
@@ -361,17 +384,34 @@ TINY = TrainConfig(
 )
 
 
+def waste_of_choices(config, packings, orders):
+    """What each choice of an order in bins of 4 x 1 x 4 answers for, bin by bin: [orders, 3]."""
+    found = np.zeros(orders.shape)
+    for row, order in enumerate(np.asarray(orders)):
+        volume, top = packings.volume[row], packings.top[row]
+        bins = int((np.asarray(volume) > 0).sum())
+        waste = [1 - float(volume[b]) / 16 for b in range(bins)]
+        waste[-1] = config.alpha * (1 - float(volume[bins - 1]) / (4 * float(top[bins - 1])))
+        for place, item in enumerate(order):
+            own = int(packings.bin[row, item])
+            found[row, place] = sum(
+                config.discount ** (b - own) * waste[b] for b in range(own, bins)
+            )
+    return found
+
+
 @pytest.mark.parametrize(
     ("learner", "loss_steps", "positions"),
     [
         ("leave-one-out", 1.0, ()),
         ("leave-one-out-by-bin", 1.0, ()),
         ("leave-one-out-by-bin", 1 / 3, ()),
+        ("leave-one-out-by-waste", 1.0, ()),
         ("leave-one-out", 1.0, ("far-corner",)),
     ],
 )
 def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps, positions):
-    config = replace(TINY, learner=learner, beta=0.0, loss_steps=loss_steps)
+    config = replace(TINY, learner=learner, beta=0.0, loss_steps=loss_steps, discount=0.3)
     problem, network = config.problem, replace(config.policy, positions=positions)
     config = replace(config, policy=network)
     params = init_network(network, problem, jax.random.key(1))
@@ -384,39 +424,47 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps
     orders, rules = (jnp.asarray(column) for column in zip(*ways, strict=True))
 
     def probability(params, way):
-        """Of a whole order and its rules, choice by choice: zero where a choice does not fit."""
+        """Of the choices of an order and its rules, [3]: zero where one does not fit."""
         view = Table(problem, more=positions)
         state = reset(view, jax.tree.map(lambda leaf: leaf[..., None], one))
-        total, places = jnp.float32(1), jnp.full(3, -1)
+        chances, places = [], jnp.full(3, -1)
         for item, rule in zip(*way, strict=True):
             choices = observe(view, state)
             sight = look(network, view, state, choices)
             kind = jnp.argmax(state.kinds.items[:, 0] == item)  # three kinds, an item each
             row = kind + 3 * rule
             found = scores(network, params, sight)
-            total *= jnp.where(sight.fits[row, 0], jnp.exp(found[row, 0]), 0)
+            chances.append(jnp.where(sight.fits[row, 0], jnp.exp(found[row, 0]), 0))
             choice = choice_of(view, state, choices, row[None].astype(jnp.int32))
             if choice.position is not None:
                 places = places.at[item].set(choice.position[0][0])
             state = step(view, state, choice)
-        return total, places
+        return jnp.stack(chances), places
 
     played = jax.jit(lambda ways: jax.lax.map(partial(probability, params), ways))
     _, places = played((orders, rules))
     repeated = jax.tree.map(lambda leaf: jnp.stack([leaf] * len(orders)), one)
     decided = Decisions(orders, jnp.zeros_like(orders), places if positions else None)
-    costs = jax.vmap(config.cost)(*pack_decisions(problem, repeated, decided))
+    packed = pack_decisions(problem, repeated, decided)
+    costs = jax.vmap(config.cost)(*packed)
+    answers_for = waste_of_choices(config, packed[1], orders)
 
     @jax.jit
     @partial(jax.grad, has_aux=True)
     def expected_cost(params):
         chances, _ = jax.lax.map(partial(probability, params), (orders, rules))
-        return (chances * costs).sum(), chances
+        whole = chances.prod(1)
+        if learner == "leave-one-out-by-waste":
+            told = jnp.log(jnp.maximum(chances, 1e-9)) * answers_for
+            return (jax.lax.stop_gradient(whole) * told.sum(1)).sum(), whole
+        return (whole * costs).sum(), whole
 
     exact, chances = expected_cost(params)
     assert chances.sum() == pytest.approx(1, abs=1e-5)
     assert 2 <= (chances > 0).sum() < len(orders), "every order is possible, or only one"
-    assert len(set(np.asarray(costs)[np.asarray(chances) > 0].tolist())) > 1
+    possible = np.asarray(chances) > 0
+    assert len(set(np.asarray(costs)[possible].tolist())) > 1
+    assert learner != "leave-one-out-by-waste" or len({*answers_for[possible].ravel()}) > 2
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (config.batch, *leaf.shape)), one)
     sampled = jax.jit(partial(policy_gradient, config))
     seeds = 4 if loss_steps == 1 else 36  # a third of the steps tells less
@@ -427,7 +475,9 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps
         np.testing.assert_allclose(estimate, truth, atol=0.06 * scale + 2e-4, err_msg=name)
 
 
-@pytest.mark.parametrize("learner", ["leave-one-out", "leave-one-out-by-bin", "self-label"])
+@pytest.mark.parametrize(
+    "learner", ["leave-one-out", "leave-one-out-by-bin", "leave-one-out-by-waste", "self-label"]
+)
 def test_the_mean_over_all_steps_that_may_be_drawn_is_the_whole_gradient(learner, monkeypatch):
     config = replace(TINY, learner=learner, entropy=0.3, batch=16, train_instances=16)
     params = init_network(config.policy, config.problem, jax.random.key(1))
@@ -486,11 +536,15 @@ def test_a_few_updates_lower_the_cost(learner):
 def test_recipes_that_do_not_go_together_are_refused():
     for change, message in (
         ({"samples": 1}, "give samples 2 or more"),
-        ({"learner": "critic"}, "choose leave-one-out or leave-one-out-by-bin or self-label"),
+        (
+            {"learner": "critic"},
+            "choose leave-one-out or leave-one-out-by-bin or leave-one-out-by-waste or self-label",
+        ),
         ({"learner": "luck"}, "those that the bin-aware network has for objective bins"),
         ({"schedule": "steps"}, "choose constant or cosine"),
         ({"objective": "speed"}, "choose bins or paper"),
         ({"entropy": -1.0}, "give 0 or more"),
+        ({"discount": 1.5}, "give a share, from 0 to 1"),
         ({"loss_steps": 0.0}, "give a share, above 0 and up to 1"),
         ({"loss_steps": 1.5}, "give a share, above 0 and up to 1"),
         (

@@ -162,7 +162,8 @@ BAD = [
     ("train --samples 1", "learner 'leave-one-out' compares samples: give samples 2 or more"),
     (
         "train --learner luck",
-        "learner 'luck': choose leave-one-out or leave-one-out-by-bin or self-label",
+        "learner 'luck': choose leave-one-out or leave-one-out-by-bin or leave-one-out-by-waste or "
+        "self-label",
     ),
     ("train --entropy=-1", "entropy -1.0: give 0 or more"),
     (

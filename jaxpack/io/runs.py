@@ -79,13 +79,13 @@ def starting_params(config: RunConfig) -> Params | None:
     """
     if not config.start_from:
         return None
-    params = load_policy(config.start_from).params
-    if not fits_recipe(config.train, params):
+    policy = load_policy(config.start_from)
+    if not fits_recipe(config.train, policy.params):
         raise UserError(
             f"--start-from {config.start_from}: its network is not the one to train; choose a "
             "policy of the same kind and width"
         )
-    return params
+    return config.train.policy.adopt(policy.config.policy, policy.params)
 
 
 def first_snapshot(

@@ -56,8 +56,9 @@ def bin_aware_gradient(
         judged = jax.vmap(partial(judge, config))(repeated, packings)
         if config.learner == "self-label":
             trace, weight = _best_of_each(trace, judged[0].reshape(piece, samples))
-        elif config.learner == "leave-one-out-by-bin":
-            weight = _bin_advantages(config, repeated, packings, orders)
+        elif config.learner in COST_TO_GO:
+            to_go = COST_TO_GO[config.learner](config, repeated, packings)
+            weight = _bin_advantages(to_go, samples, packings, orders)
         else:
             weight = leave_one_out(judged[0].reshape(piece, samples)).reshape(-1)
         weight = jnp.broadcast_to(weight, (orders.shape[1], weight.shape[-1]))
@@ -102,22 +103,55 @@ def _best_of_each(trace: list[Trace], cost: Array) -> tuple[list[Trace], Array]:
     return labels, -told_apart
 
 
-def _bin_advantages(
-    config: "TrainConfig", instances: Instance, packings: Packing, orders: Array
-) -> Array:
+def _bins_to_go(config: "TrainConfig", instances: Instance, packings: Packing) -> Array:
+    """What the bins from each on cost, of the objective: float32 [B, bin slots]."""
+    used = packings.volume > 0
+    loose = _loose(instances, packings)
+    per_bin = 1 + config.alpha * loose / jnp.maximum(used.sum(1, keepdims=True), 1)
+    per_bin = jnp.where(used, per_bin, 0)
+    return jnp.cumsum(per_bin[:, ::-1], 1)[:, ::-1]
+
+
+def _waste_to_go(config: "TrainConfig", instances: Instance, packings: Packing) -> Array:
+    """What the bins from each on waste, discounted: float32 [B, bin slots].
+
+    Nothing is added to a bin that is full, so what is free in it is lost: the fewer bins, the less
+    of that, and unlike their number it says something of every bin. In the last one it is what
+    lies below the top, `alpha` times.
+    """
+    used = packings.volume > 0
+    last = jnp.cumsum(used[:, ::-1], 1)[:, ::-1] == 1
+    capacity = instances.bin.astype(jnp.float32).prod(1, keepdims=True)
+    waste = jnp.where(
+        last, config.alpha * _loose(instances, packings), 1 - packings.volume / capacity
+    )
+
+    def add(later: Array, own: Array) -> tuple[Array, Array]:
+        to_go = own + config.discount * later
+        return to_go, to_go
+
+    nothing = jnp.zeros(len(waste))
+    return jax.lax.scan(add, nothing, jnp.where(used, waste, 0).T, reverse=True)[1].T
+
+
+COST_TO_GO = {"leave-one-out-by-bin": _bins_to_go, "leave-one-out-by-waste": _waste_to_go}
+"""What a choice answers for, by learner: that from its own bin on."""
+
+
+def _loose(instances: Instance, packings: Packing) -> Array:
+    """What is free below the top of each bin, as a share: float32 [B, bin slots]."""
+    region = (instances.bin[:, 0] * instances.bin[:, 1])[:, None] * packings.top
+    return 1 - packings.volume / jnp.maximum(region, 1)
+
+
+def _bin_advantages(to_go: Array, samples: int, packings: Packing, orders: Array) -> Array:
     """Advantage of every choice for its own bin and those after it: float32 [N, B * S].
 
     A choice cannot change the bins that were full before it, so their cost is left out, and so
     is theirs from what the other samples of the instance are compared by. Padding gets that of
     the first bin; it never has a choice.
     """
-    used = packings.volume > 0
-    region = (instances.bin[:, 0] * instances.bin[:, 1])[:, None] * packings.top
-    loose = 1 - packings.volume / jnp.maximum(region, 1)
-    per_bin = 1 + config.alpha * loose / jnp.maximum(used.sum(1, keepdims=True), 1)
-    per_bin = jnp.where(used, per_bin, 0)
-    to_go = jnp.cumsum(per_bin[:, ::-1], 1)[:, ::-1]  # [B * S, bin slots]
-    grouped = to_go.reshape(-1, config.samples, to_go.shape[1])
+    grouped = to_go.reshape(-1, samples, to_go.shape[1])
     advantage = jnp.moveaxis(leave_one_out(jnp.moveaxis(grouped, 1, -1)), -1, 1)
     slot = jnp.take_along_axis(packings.bin, orders, 1)
     return jnp.take_along_axis(advantage.reshape(to_go.shape), jnp.maximum(slot, 0), 1).T

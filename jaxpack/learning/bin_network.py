@@ -52,8 +52,11 @@ class Sight(NamedTuple):
 
 def look(network: "BinAwareConfig", view: View, state: State, choices: Choices) -> Sight:
     """What the network sees of the choices, from `observe`."""
-    rows = _row_features(network, view, state, choices)
-    context = _context_features(network, state, choices)
+    shares = (
+        _row_features(network, view, state, choices),
+        _context_features(network, state, choices),
+    )
+    rows, context = (network.input_scale * (share - network.input_centre) for share in shares)
     # Once a kind, wherever it could stand: of one rule these are all rows.
     further = (view.rules - 1) * len(state.remaining)
     remaining = jnp.pad(state.remaining, ((0, further), (0, 0)))
@@ -143,6 +146,21 @@ def init_network(network: "BinAwareConfig", problem: Problem, key: Array) -> Par
         else jax.random.uniform(k, shape, minval=-1, maxval=1) * (3 / shape[0]) ** 0.5
         for k, (name, shape) in zip(keys, shapes.items(), strict=True)
     }
+
+
+def rescale_inputs(params: Params, was: "BinAwareConfig", now: "BinAwareConfig") -> Params:
+    """Weights that make of what `now` lets in what `params` make of what `was` lets in.
+
+    W s (x - c) + b = (W s / s') s' (x - c') + b + W s (c' - c) 1, of each layer that inputs enter.
+    """
+    ratio, further = was.input_scale / now.input_scale, now.input_centre - was.input_centre
+    features = params["context"].shape[0]
+    changed = dict(params)
+    for name, bias in (("rows", "bias1"), ("context", "bias1"), ("mix", "bias2")):
+        entering = params[name][:features] if name == "mix" else params[name]
+        changed[bias] += further * was.input_scale * entering.sum(0)
+        changed[name] = jnp.concatenate([ratio * entering, params[name][len(entering) :]])
+    return changed
 
 
 def scores(network: "BinAwareConfig", params: Params, sight: Sight) -> Array:

@@ -42,6 +42,16 @@ class Network(Protocol):
     def init(self, problem: Problem, key: Array) -> Params:
         """Fresh weights. `key` is a typed PRNG key, consumed."""
 
+    def adopt(self, network: Any, params: Params) -> Params:
+        """Weights with which this network decides what `network` decides with `params`.
+
+        Args:
+            network: of the same kind and width; what it sees may be scaled otherwise.
+
+        Raises:
+            UserError: where there are none.
+        """
+
     def orders(
         self,
         problem: Problem,

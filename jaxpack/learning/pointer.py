@@ -49,6 +49,12 @@ class PointerConfig:
 
         return init_pointer(problem, self, key)
 
+    def adopt(self, network: "PointerConfig", params: Params) -> Params:
+        """The same, of the same scale."""
+        if network.input_scale != self.input_scale:
+            raise UserError(f"input_scale {self.input_scale}: give {network.input_scale}")
+        return params
+
     def orders(
         self,
         problem: Problem,

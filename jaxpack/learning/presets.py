@@ -11,7 +11,8 @@ from jaxpack.model.problem import Problem
 PAPER_2D = Problem(bin=(10, 1, 10), largest=(5, 1), support=0.5, inclusive=True)
 PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=False)
 
-BIN_AWARE = TrainConfig(
+# Of policies that learn for an hour: of those with other bins and items beside the preset's.
+LONG = TrainConfig(
     problem=PAPER_2D,
     distribution=Distribution(items=40, low=1, high=5),
     policy=BinAwareConfig(sees="all", temperature=1.5),
@@ -30,13 +31,38 @@ BIN_AWARE = TrainConfig(
     clip=1.0,
 )
 
-BIN_AWARE_3D = replace(
-    BIN_AWARE,
+LONG_3D = replace(
+    LONG,
     problem=PAPER_3D,
     distribution=Distribution(items=70, low=2, high=5),
     policy=BinAwareConfig(sees="all"),
     train_instances=153_600,
     learner="leave-one-out-by-bin",
+)
+
+# What gets as far in a tenth of the time. Centred inputs are what matters most: where all lie
+# above zero, one direction of the first layer learns fast and the others slowly.
+BIN_AWARE_2D = replace(
+    LONG,
+    policy=BinAwareConfig(sees="all", temperature=1.5, input_centre=0.3, input_scale=4.0),
+    train_instances=12_800,
+    batch=32,
+    learning_rate=4e-3,
+    average=0.97,
+    learner="leave-one-out-by-waste",
+    discount=0.5,
+    entropy=3e-4,
+    clip=0.1,
+    loss_steps=0.25,
+)
+BIN_AWARE_3D = replace(
+    BIN_AWARE_2D,
+    problem=PAPER_3D,
+    distribution=LONG_3D.distribution,
+    policy=BinAwareConfig(sees="all", input_centre=0.3, input_scale=4.0),
+    train_instances=25_600,
+    batch=64,
+    halves=1,
 )
 
 # From five bins an instance to one that is not full, from cubes of one cell to half the bin.
@@ -73,28 +99,28 @@ TURNED_3D = (
 
 PRESETS = {
     # The policy that sees the bin; every instance is met once.
-    "bin-aware-2d": BIN_AWARE,
+    "bin-aware-2d": BIN_AWARE_2D,
     "bin-aware-3d": BIN_AWARE_3D,
     # One policy for bins and items of many sizes.
     "bin-aware-2d-range": replace(
-        BIN_AWARE,
+        LONG,
         train_instances=80_640,
         learning_rate=5e-3,
         learner="leave-one-out-by-bin",
         others=RANGE,
     ),
     "bin-aware-3d-range": replace(
-        BIN_AWARE_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE_3D
+        LONG_3D, train_instances=80_640, learning_rate=5e-3, others=RANGE_3D
     ),
     "bin-aware-2d-turned": replace(
-        BIN_AWARE,
+        LONG,
         train_instances=38_400,
         learning_rate=5e-3,
         learner="leave-one-out-by-bin",
         others=TURNED_2D,
     ),
     "bin-aware-3d-turned": replace(
-        BIN_AWARE_3D, train_instances=38_400, learning_rate=5e-3, others=TURNED_3D
+        LONG_3D, train_instances=38_400, learning_rate=5e-3, others=TURNED_3D
     ),
     # The paper's recipe, section III.A: 100,000 instances, batch 50, 5 epochs, Adam 5e-4.
     "paper-2d": TrainConfig(problem=PAPER_2D, distribution=Distribution(items=40, low=1, high=5)),

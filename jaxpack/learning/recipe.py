@@ -20,11 +20,12 @@ LEARNERS = {
     "critic": "REINFORCE, what an order costs compared with what the critic expects",
     "leave-one-out": "REINFORCE, compared with the other samples of its instance",
     "leave-one-out-by-bin": "the same, a choice answers for its own bin and later ones alone",
+    "leave-one-out-by-waste": "the same, for what its bin and, less, later ones waste",
     "self-label": "imitation of the best sample of each instance",
 }
 """What there is to learn by; `Network.learners` says which of them go with what."""
 
-TRACED = ("entropy", "clip", "alpha", "beta")
+TRACED = ("entropy", "clip", "alpha", "beta", "discount")
 """Numbers of a recipe that may be traced, so that one program trains with any of them, as it does
 with any rate, which is in the state."""
 
@@ -52,6 +53,7 @@ class TrainConfig:
     alpha: float = 0.5  # weight of compactness
     beta: float = 0.5  # weight of pyramid
     learner: str = "critic"  # see LEARNERS
+    discount: float = 0.25  # of what a bin wastes to a choice one bin before: by-waste only
     samples: int = 1  # S, orders drawn per instance
     entropy: float = 0.0  # weight of the choices' entropy (summed over an order) in the loss
     clip: float = 0.0  # largest norm of a gradient; 0: any
@@ -77,6 +79,8 @@ class TrainConfig:
                 raise UserError(f"{name} {getattr(self, name)}: give 0 or more")
         if not 0 <= self.average < 1:
             raise UserError(f"average {self.average}: give a decay, 0 or more and below 1")
+        if not 0 <= self.discount <= 1:
+            raise UserError(f"discount {self.discount}: give a share, from 0 to 1")
         if not 0 < self.loss_steps <= 1:
             raise UserError(f"loss_steps {self.loss_steps}: give a share, above 0 and up to 1")
         if self.loss_steps < 1 and not self.policy.step_by_step:
