@@ -28,13 +28,16 @@ def command_of(config: RunConfig) -> str:
     recipe, base = config.train, preset(config.preset)
     command = f"python -m jaxpack.train {config.preset} --seed {config.seed}"
     for name in ("train_instances", "batch", "epochs", "learning_rate", "average",
-                 "learner", "entropy", "samples", "alpha", "loss_steps", "halves"):  # fmt: skip
+                 "learner", "discount", "entropy", "clip", "samples", "alpha", "loss_steps",
+                 "halves"):  # fmt: skip
         if getattr(recipe, name) != getattr(base, name):
             command += f" --{name.replace('_', '-')} {getattr(recipe, name)}"
     if config.start_from:
         command += f" --start-from {config.start_from}"
-    if recipe.policy.hidden != base.policy.hidden:
-        command += f" --hidden {recipe.policy.hidden}"
+    for name in ("hidden", "input_centre", "input_scale"):
+        ours, theirs = (getattr(one.policy, name, None) for one in (recipe, base))
+        if ours != theirs:
+            command += f" --{name.replace('_', '-')} {ours}"
     return command + f" --checkpoint-every {config.checkpoint_every}"
 
 

@@ -159,7 +159,10 @@ BAD = [
     ("evaluate --methods brkga --time-limit 0", "--time-limit 0.0: give more than 0"),
     ("evaluate --methods height --time-limit 1", "--time-limit: none of the methods takes one"),
     ("evaluate --methods bin-aware-search --search-width 0", "--search-width 0: give more than 0"),
-    ("train --samples 1", "learner 'leave-one-out' compares samples: give samples 2 or more"),
+    (
+        "train --samples 1",
+        "learner 'leave-one-out-by-waste' compares samples: give samples 2 or more",
+    ),
     (
         "train --learner luck",
         "learner 'luck': choose leave-one-out or leave-one-out-by-bin or leave-one-out-by-waste or "

@@ -130,13 +130,13 @@ def as_version_01_wrote_it(name):
     return written
 
 
-@pytest.mark.parametrize("name", ["paper-2d", "bin-aware-2d", "bin-aware-3d-turned"])
+@pytest.mark.parametrize("name", ["paper-2d", "bin-aware-2d-turned", "bin-aware-3d-turned"])
 def test_recipes_of_version_01_are_read(name):
     assert config_from_dict(TrainConfig, as_version_01_wrote_it(name)) == preset(name)
 
 
 def test_what_a_policy_saw_in_version_01_is_one_word_now():
-    written = as_version_01_wrote_it("bin-aware-2d")
+    written = as_version_01_wrote_it("bin-aware-2d-turned")
     for saw, sees in (
         ({}, "surroundings"),
         ({"stock": True, "surroundings": False}, "stock"),
@@ -149,7 +149,7 @@ def test_what_a_policy_saw_in_version_01_is_one_word_now():
 
 
 def test_recipes_of_version_01_that_were_none_are_not_read():
-    written = as_version_01_wrote_it("bin-aware-3d")
+    written = as_version_01_wrote_it("bin-aware-3d-turned")
     for change, message in (
         ({"learner": "self-label"}, "option 'credit' is unknown"),
         ({"credit": "luck"}, "option 'credit' is unknown"),
