@@ -3,15 +3,16 @@
 python experiments/ablations.py 2d --updates 80      (one minute a variant on one core)
 python experiments/ablations.py 3d --updates 80      (3 minutes a variant)
 
-Trains the preset with one thing changed, all with the same number of updates and of sampled
-orders, and writes the greedy figures on 1,000 instances (the tables', seed 0) to
-results/ablations-2d.csv or -3d.csv, a line as soon as a variant is done.
+Trains by the recipe of the shipped policies with one thing changed, all with the same number of
+updates and of sampled orders, and writes the greedy figures on 1,000 instances (the tables',
+seed 0) to results/ablations-2d.csv or -3d.csv, a line as soon as a variant is done.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -20,16 +21,17 @@ from rich.console import Console
 from rows import RESULTS, read_rows, rounded, write_rows
 from tyro.conf import Positional
 
-from jaxpack import Cell, Comparison, preset
+from jaxpack import Cell, Comparison
 from jaxpack.cli import prepare_jax
 from jaxpack.comparison import make_instances
+from jaxpack.learning.presets import LONG, LONG_3D
 from jaxpack.learning.trainer import init_state, train_chunk
 from jaxpack.model.metrics import bins_used, compactness, pyramid
 from jaxpack.packing.first_fit import pack_decisions
 
 # Changes of the network, changes of the recipe.
 VARIANTS: dict[str, tuple[dict, dict]] = {
-    "as the preset": ({}, {}),
+    "as the shipped policy": ({}, {}),
     "sizes only, the bin as a histogram": ({"sees": "sizes"}, {}),
     "no look under and beside": ({"sees": "stock"}, {}),
     "blind to what fills a gap exactly": ({"sees": "surroundings"}, {}),
@@ -59,7 +61,7 @@ VARIANTS: dict[str, tuple[dict, dict]] = {
 class Options:
     """Train the variants of one dimension."""
 
-    dimension: Positional[str]
+    dimension: Positional[Literal["2d", "3d"]]
     """2d or 3d."""
     updates: int = 80
     """Updates of every variant."""
@@ -96,14 +98,14 @@ def _measure(recipe) -> Callable:
 def main() -> None:
     prepare_jax()
     options = tyro.cli(Options)
-    base = preset(f"bin-aware-{options.dimension}")
+    base = {"2d": LONG, "3d": LONG_3D}[options.dimension]
     path = RESULTS / f"ablations-{options.dimension}.csv"
     kept = read_rows(path) if options.only else []
     rows = {row["variant"]: row for row in kept}
     for name, (network, changes) in VARIANTS.items():
         recipe = replace(base, policy=replace(base.policy, **network), **changes)
         chosen = not options.only or name.startswith(options.only)
-        if not chosen or (name != "as the preset" and recipe == base):
+        if not chosen or (name != "as the shipped policy" and recipe == base):
             continue
         recipe = replace(recipe, epochs=1, train_instances=options.updates * recipe.batch)
         state = init_state(recipe, jax.random.key(options.seed))

@@ -11,7 +11,7 @@ from jaxpack.model.problem import Problem
 PAPER_2D = Problem(bin=(10, 1, 10), largest=(5, 1), support=0.5, inclusive=True)
 PAPER_3D = Problem(bin=(10, 10, 10), largest=(5, 5), support=0.5, inclusive=False)
 
-# Of policies that learn for an hour: of those with other bins and items beside the preset's.
+# Of policies that learn for an hour: those shipped, and those with other bins and items besides.
 LONG = TrainConfig(
     problem=PAPER_2D,
     distribution=Distribution(items=40, low=1, high=5),
