@@ -41,6 +41,8 @@ def _costs(job: Job, items: np.ndarray, shares: np.ndarray) -> np.ndarray:
         job, items: see `bin_prices`.
         shares: float64 [types], how much of the volume of all items fills it.
     """
+    if not job.by_load:
+        return np.array([float(kind.price_of()) for kind in job.bins])
     weight, rate = sum(job.items[n].weight for n in items.tolist()), least_rate(job)
     costs = []
     for kind, share in zip(job.bins, shares.tolist(), strict=True):

@@ -105,10 +105,11 @@ def _contacts(boxes: Boxes, fixed: np.ndarray) -> _Contacts:
     hanging = rows[np.bincount(row, corners, count)[rows] < 4]
 
     # What hangs over is no ground, nor is what rests on it: all that a node before it leads to.
-    ends = np.append(under, np.full(len(hanging), count)), np.append(row, hanging)
-    leads = coo_array((np.ones(len(ends[0])), ends), (count + 1, count + 1)).tocsr()
     ground = np.ones(count, bool)
-    ground[breadth_first_order(leads, count, return_predecessors=False)[1:]] = False
+    if len(hanging):
+        ends = np.append(under, np.full(len(hanging), count)), np.append(row, hanging)
+        leads = coo_array((np.ones(len(ends[0])), ends), (count + 1, count + 1)).tocsr()
+        ground[breadth_first_order(leads, count, return_predecessors=False)[1:]] = False
     kept = np.flatnonzero(~ground[row])
     kept = kept[np.argsort(row[kept], kind="stable")]
     under = np.where(ground[under], -1, under)

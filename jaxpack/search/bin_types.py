@@ -1,12 +1,14 @@
 """Which types of bins to take for a packing, once it is known what is in each."""
 
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 
 from jaxpack.model.encoding import Loading
 from jaxpack.model.exact import exact
 from jaxpack.model.figures import parts_of
+from jaxpack.model.job import BinType
 from jaxpack.packing.ruled.filling import holds
 
 
@@ -67,18 +69,24 @@ def cheapest_types(
 def _prices(loading: Loading, bin: np.ndarray) -> np.ndarray:
     """int [slots, kinds], how dear a bin that is used is as one of a type, exactly: a rank."""
     job, slots = loading.given, np.unique(bin[bin >= 0])
-    kinds = [job.bins[loading.whose[number]] for number in loading.bins[loading.first].tolist()]
-    worths, loads = list[tuple[Fraction, ...]](), [Fraction(0)]
+    kinds = tuple(job.bins[loading.whose[n]] for n in loading.bins[loading.first].tolist())
+    loads = [Fraction(0)]
     if loading.by_load:
         weights = np.array([exact(job.items[item].weight) for item in loading.items.tolist()])
         loads = [Fraction(weights[bin == slot].sum()) for slot in slots]
-    for load in loads:
-        for kind in kinds:
-            counted = parts_of(kind, load)
-            worths.append(tuple(counted[part] for part in loading.objective.parts))
-    rank = {worth: number for number, worth in enumerate(sorted(set(worths)))}
-    ranks = np.array([rank[worth] for worth in worths]).reshape(-1, len(kinds))
+    ranks = _ranks(kinds, tuple(loads), loading.objective.parts)
     return np.broadcast_to(ranks, (len(slots), len(kinds)))
+
+
+@lru_cache(256)  # the bins of many orders are the same
+def _ranks(
+    kinds: tuple[BinType, ...], loads: tuple[Fraction, ...], parts: tuple[str, ...]
+) -> np.ndarray:
+    """How dear bins of each type are with each load in them: int [loads, kinds]."""
+    counted = [parts_of(kind, load) for load in loads for kind in kinds]
+    worths = [tuple(one[part] for part in parts) for one in counted]
+    rank = {worth: number for number, worth in enumerate(sorted(set(worths)))}
+    return np.array([rank[worth] for worth in worths]).reshape(-1, len(kinds))
 
 
 def _holding(
