@@ -1,12 +1,16 @@
 """How fast `jaxpack stream` packs many mail orders, and what memory all its processes take.
 
-python experiments/stream_orders.py [--orders 20000] [--packings 8] [--workers 2] [--data FOLDER]
+python experiments/stream_orders.py [--orders 20000] [--packings 8] [--workers 2] [--kills 0]
+                                    [--data FOLDER]
 
 The bookshop's orders (docs/data.md) over and over, with names of their own, as one Parquet file.
+With --kills they are packed once more, killed so many times on the way and begun again, and every
+file that comes out is compared with that of the first time.
 """
 
 import argparse
 import csv
+import hashlib
 import resource
 import subprocess
 import sys
@@ -61,12 +65,32 @@ def memory(number: int) -> int:
         return 0
 
 
+def run(command: list[str], killed_after: float = float("inf")) -> tuple[float, int, int]:
+    """Seconds, the most bytes that all its processes held, and how it ended."""
+    begun, peak = time.perf_counter(), 0
+    process = subprocess.Popen(command)
+    while process.poll() is None:
+        peak = max(peak, sum(map(memory, family(process.pid))))
+        if time.perf_counter() - begun > killed_after:
+            process.kill()
+        time.sleep(0.1)
+    return time.perf_counter() - begun, peak, process.returncode
+
+
+def digests(folder: str) -> dict[str, str]:
+    """Of the bytes of every file."""
+    return {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in Path(folder).iterdir()
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--orders", type=int, default=20_000)
     parser.add_argument("--packings", type=int, default=8)
     parser.add_argument("--time-limit", type=float, help="seconds instead of packings")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--kills", type=int, default=0)
     add_data_option(parser)
     options = parser.parse_args()
     source, cartons = (data_file(options.data, name) for name in BOOKSHOP)
@@ -76,18 +100,24 @@ def main() -> None:
         limit = ["--packings", str(options.packings)]
         if options.time_limit:
             limit = ["--time-limit", str(options.time_limit)]
-        command = [sys.executable, "-m", "jaxpack", "stream", str(orders), str(cartons)]
-        command += [f"{folder}/out", "--workers", str(options.workers), *limit]
-        begun, peak = time.perf_counter(), 0
-        process = subprocess.Popen(command)
-        while process.poll() is None:
-            peak = max(peak, sum(map(memory, family(process.pid))))
-            time.sleep(0.1)
-        seconds = time.perf_counter() - begun
-    print(
-        f"{options.orders:,} orders, {seconds:.1f} s, {options.orders / seconds:.0f} orders/s, "
-        f"peak {peak / 2**20:,.0f} MiB, exit code {process.returncode}"
-    )
+
+        def command(out: str) -> list[str]:
+            stream = [sys.executable, "-m", "jaxpack", "stream", str(orders), str(cartons), out]
+            return [*stream, "--workers", str(options.workers), *limit]
+
+        whole, again = f"{folder}/whole", f"{folder}/again"
+        seconds, peak, code = run(command(whole))
+        print(
+            f"{options.orders:,} orders, {seconds:.1f} s, {options.orders / seconds:.0f} orders/s, "
+            f"peak {peak / 2**20:,.0f} MiB, exit code {code}"
+        )
+        if options.kills:
+            codes = [
+                run(command(again), seconds / (options.kills + 1))[2] for _ in range(options.kills)
+            ]
+            codes.append(run(command(again))[2])
+            same = digests(whole) == digests(again)
+            print(f"exit codes {codes}; {'the same bytes' if same else 'other bytes'}")
 
 
 if __name__ == "__main__":
