@@ -108,7 +108,10 @@ def may_turn(problem, instances):
 
 
 @pytest.mark.parametrize("turns", [False, True])
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if name == "int16" else ()) for name in PROBLEMS],
+)
 def test_the_order_packs_to_what_the_policy_saw(name, turns):
     problem, items, count = PROBLEMS[name], ITEMS, COUNT
     instances, _ = random_cases(problem, 7, count, items)
@@ -289,6 +292,7 @@ def test_dropping_kinds_of_which_nothing_remains_changes_nothing():
     assert (kept.remaining.sum(0) == state.remaining.sum(0)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["2d", "3d"])
 def test_a_policy_of_orders_is_one_of_positions_that_has_one_to_choose(name):
     """Of a rule that is named twice the second position is never another."""
@@ -313,6 +317,7 @@ def test_a_policy_of_orders_is_one_of_positions_that_has_one_to_choose(name):
     jax.tree.map(np.testing.assert_array_equal, *found.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("positions", [("far-corner",), ("least-wasted", "most-contact")])
 def test_a_policy_of_positions_packs_where_it_says(positions):
     problem, network = PROBLEMS["3d"], replace(NETWORK, positions=positions)
@@ -346,6 +351,7 @@ def test_what_fills_whole_bins_leaves_nothing_over(most):
         np.testing.assert_allclose(see(some), over[:size], atol=1e-4)
 
 
+@pytest.mark.long
 def test_a_policy_decides_the_same_however_its_inputs_are_scaled():
     problem = PAPER_3D
     was = BinAwareConfig(hidden=16, sees="all", input_centre=0.1, input_scale=2.0)
@@ -403,11 +409,11 @@ def waste_of_choices(config, packings, orders):
 @pytest.mark.parametrize(
     ("learner", "loss_steps", "positions"),
     [
-        ("leave-one-out", 1.0, ()),
-        ("leave-one-out-by-bin", 1.0, ()),
-        ("leave-one-out-by-bin", 1 / 3, ()),
+        pytest.param("leave-one-out", 1.0, (), marks=pytest.mark.long),
+        pytest.param("leave-one-out-by-bin", 1.0, (), marks=pytest.mark.long),
+        pytest.param("leave-one-out-by-bin", 1 / 3, (), marks=pytest.mark.long),
         ("leave-one-out-by-waste", 1.0, ()),
-        ("leave-one-out", 1.0, ("far-corner",)),
+        pytest.param("leave-one-out", 1.0, ("far-corner",), marks=pytest.mark.long),
     ],
 )
 def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps, positions):
@@ -476,7 +482,14 @@ def test_leave_one_out_gradient_is_that_of_the_expected_cost(learner, loss_steps
 
 
 @pytest.mark.parametrize(
-    "learner", ["leave-one-out", "leave-one-out-by-bin", "leave-one-out-by-waste", "self-label"]
+    "learner",
+    [
+        "leave-one-out-by-waste",
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("leave-one-out", "leave-one-out-by-bin", "self-label")
+        ),
+    ],
 )
 def test_the_mean_over_all_steps_that_may_be_drawn_is_the_whole_gradient(learner, monkeypatch):
     config = replace(TINY, learner=learner, entropy=0.3, batch=16, train_instances=16)
@@ -572,6 +585,7 @@ def test_a_beam_of_width_one_is_greedy():
     np.testing.assert_array_equal(orders[:, 0], greedy)
 
 
+@pytest.mark.long
 def test_a_wider_beam_begins_with_the_narrower_and_is_never_worse():
     _, _, _, wide = beams(4)
     problem, _, instances, widest = beams(6)
@@ -589,6 +603,7 @@ def test_a_wider_beam_begins_with_the_narrower_and_is_never_worse():
     assert len({tuple(order) for order in widest[0].tolist()}) > 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["bin-aware-best-of-2", "bin-aware-search", "brkga-seeded"])
 def test_every_search_takes_a_policy_of_positions(how):
     config = replace(TINY, policy=replace(TINY.policy, positions=("far-corner",)))

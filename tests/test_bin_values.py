@@ -62,12 +62,14 @@ def found(loading, passes, seed=0):
         (Rules(1.0), {"types": 2, "ways": UPRIGHT}),
         (Rules(0.0), {"ways": ("XYZ",)}),
         (Rules(0.7), {"dimension": 2, "copies": 9}),
-        (Rules(0.0), {"dimension": 2, "kinds": 9}),
-        (Rules(0.0, True), {"kinds": 12, "ways": ("XYZ",)}),
+        pytest.param(Rules(0.0), {"dimension": 2, "kinds": 9}, marks=pytest.mark.long),
+        pytest.param(Rules(0.0, True), {"kinds": 12, "ways": ("XYZ",)}, marks=pytest.mark.long),
         (Rules(stability="centre"), {"copies": 9}),
-        (Rules(0.0, True, stability="centre"), {"kinds": 12}),
+        pytest.param(Rules(0.0, True, stability="centre"), {"kinds": 12}, marks=pytest.mark.long),
         (Rules(0.0, True, stability="static"), {"kinds": 12, "copies": 3}),
-        (Rules(0.6, stability="centre"), {"dimension": 2, "kinds": 9}),
+        pytest.param(
+            Rules(0.6, stability="centre"), {"dimension": 2, "kinds": 9}, marks=pytest.mark.long
+        ),
     ],
 )
 def test_every_packing_is_a_plan_of_everything(rules, how):

@@ -50,6 +50,7 @@ def counted(job, packings, seed=3, **options):
     return found, better
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("policy", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_packings_give_the_same_plan_on_a_busy_machine(policy):
     """What nobody compiles, then lanes, two dispatches or more, and a rest."""
@@ -69,6 +70,7 @@ def test_packings_give_the_same_plan_on_a_busy_machine(policy):
     assert other.plan != found.plan
 
 
+@pytest.mark.long
 def test_a_budget_is_used_up_where_no_bin_is_filled_by_value():
     job = Job(JOB.items, (BinType((10.0, 10.0, math.inf)),), objective="height")
     number = 49 + 32 + 2 * 8 * 32 + 21

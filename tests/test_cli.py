@@ -66,6 +66,7 @@ def test_training_ends_with_table_picture_and_path(trained, run_door):
     assert (config["seed"], config["train"]["batch"]) == (0, 8)
 
 
+@pytest.mark.long
 def test_resuming_a_finished_run_prints_its_table_again(trained, run_door):
     again = run_door("train", "--resume", "r")
     assert again.returncode == 0, again.stderr
@@ -75,7 +76,10 @@ def test_resuming_a_finished_run_prints_its_table_again(trained, run_door):
 @pytest.mark.parametrize(
     "methods",
     [
-        "random,volume,height,footprint,best-of-20,brkga,pointer,bin-aware,bin-aware-best-of-4",
+        pytest.param(
+            "random,volume,height,footprint,best-of-20,brkga,pointer,bin-aware,bin-aware-best-of-4",
+            marks=pytest.mark.long,
+        ),
         pytest.param(
             "volume,brkga-seeded,bin-aware-beam-2,bin-aware-search", marks=pytest.mark.slow
         ),
@@ -100,6 +104,7 @@ def test_evaluate_prints_a_table_and_writes_json(run_door, methods):
     assert "0.894/0.964/4.307" in done.stdout, "the paper's B-Box Seq row"
 
 
+@pytest.mark.long
 def test_a_grid_has_a_row_per_cell_with_standard_errors(run_door):
     grid = ["--items", "5,10", "--bin", "8,10", "--sides", "1-4,2-5", "--seeds", "2"]
     options = ["--methods", "random,height", "--instances", "20", "--json", "grid.json"]
@@ -112,12 +117,14 @@ def test_a_grid_has_a_row_per_cell_with_standard_errors(run_door):
     assert "±" in done.stdout
 
 
+@pytest.mark.long
 def test_a_runs_policy_can_be_evaluated(trained, run_door):
     done = run_door("evaluate", "--methods", "bin-aware", "--instances", "10", "--run", "r")
     assert done.returncode == 0, done.stderr
     assert "\nbin-aware " in done.stdout
 
 
+@pytest.mark.long
 def test_a_time_limit_is_kept(run_door):
     options = ["--methods", "brkga", "--instances", "20", "--batch", "20", "--json", "limit.json"]
     done = run_door("evaluate", "paper-2d", *options, "--time-limit", "0.05")
@@ -262,6 +269,7 @@ def start_and_wait(run_door, run, *options):
 ENDLESS = ("paper-2d", *SMALL, "--epochs", "100000", "--hidden", "8", "--chunk", "5")
 
 
+@pytest.mark.long
 def test_a_run_stops_at_sigterm_and_has_one_trainer(run_door):
     run = run_door.home / "long"
     new, resume = (*ENDLESS, "--checkpoint-every", "50000", "--run", "long"), ("--resume", "long")
@@ -282,6 +290,7 @@ def test_a_run_stops_at_sigterm_and_has_one_trainer(run_door):
             assert updates == list(range(5, updates[-1] + 1, 5)), "a line was lost or repeated"
 
 
+@pytest.mark.long
 def test_a_full_disk_at_a_checkpoint_is_one_line_and_exit_code_2(run_door):
     limited = (
         "import resource, runpy, sys\n"

@@ -38,7 +38,11 @@ def figures(row):
 @pytest.mark.parametrize(
     "name",
     [
-        *("random", "best-of-30", "brkga", "pointer", "bin-aware", "bin-aware-best-of-2"),
+        *("random", "pointer", "bin-aware"),
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("best-of-30", "brkga", "bin-aware-best-of-2")
+        ),
         *(
             pytest.param(name, marks=pytest.mark.slow)
             for name in ("brkga-seeded", "bin-aware-beam-3", "bin-aware-search")

@@ -146,6 +146,7 @@ def test_every_file_of_a_run_may_be_damaged(trained, tmp_path):
         process.submit(damage_every_file, tmp_path / "run").result()
 
 
+@pytest.mark.long
 def test_absurd_options_of_a_run_are_refused_by_name(trained, tmp_path):
     run = tmp_path / "run"
     shutil.copytree(trained, run)

@@ -62,7 +62,13 @@ def project(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize("page", pages_with(slow=False))
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.long if page == "docs/evaluate.md" else ())
+        for page in pages_with(slow=False)
+    ],
+)
 def test_the_blocks_of_a_page_run(page, project):
     names: dict = {}
     for block in blocks(page):
@@ -99,6 +105,7 @@ def code_of(page):
     return "\n".join(text for _, language, text in blocks(page) if language == "python")
 
 
+@pytest.mark.long
 def test_no_page_calls_what_is_not_there(tmp_path):
     """A name or a parameter that is gone, found before the slow tests run all that pages say."""
     for page in [*PAGES, *(str(path.relative_to(ROOT)) for path in NOTEBOOKS)]:

@@ -117,7 +117,7 @@ def same(packing, other):
     ("rule", "more"),
     [
         ("lowest", ()),
-        ("lowest", OF_FOOTPRINTS),
+        pytest.param("lowest", OF_FOOTPRINTS, marks=pytest.mark.long),
         ("nearest-corner", ()),
         ("nearest-corner", ("most-contact",)),
     ],
@@ -162,7 +162,7 @@ def test_what_is_not_allowed_changes_nothing():
 
 
 @pytest.mark.parametrize("bin", [(10, 1, 9), (6, 5, 7)])
-@pytest.mark.parametrize("more", [(), OF_FOOTPRINTS])
+@pytest.mark.parametrize("more", [(), pytest.param(OF_FOOTPRINTS, marks=pytest.mark.long)])
 def test_any_surface_shows_what_the_table_shows(bin, more):
     """What lies beyond the ceiling the table does not replace by what else the rule would like."""
     problem = Problem(bin=bin, largest=(4, min(bin[1], 4)), inclusive=False)
@@ -214,8 +214,8 @@ def pallets(count, items, scale=1):
     return Instance(turned[:, :, 0], jnp.ones((count, items), bool), bins.astype(jnp.int32), turned)
 
 
-@pytest.mark.parametrize("stability", ["share", "centre"])
-@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("stability", ["share", pytest.param("centre", marks=pytest.mark.long)])
+@pytest.mark.parametrize("free", [pytest.param(False, marks=pytest.mark.long), True])
 def test_orders_in_millimetres_need_no_grid(free, stability):
     instances = pallets(3, 18)
     problem = replace(without_grid(18), stability=stability)
@@ -251,6 +251,7 @@ def test_what_lies_off_its_centre_is_not_allowed():
     assert all(places[200] for places in allowed.values())
 
 
+@pytest.mark.long
 def test_the_shipped_policy_packs_millimetres_whatever_the_unit():
     policy = load_policy("bin-aware-3d-turned")
     network, instances = policy.config.policy, pallets(6, 50)

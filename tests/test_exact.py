@@ -266,12 +266,12 @@ def test_bins_without_a_limit_take_any_weight():
     ("rule", "dimension", "stability"),
     [
         ("lowest", 2, "share"),
-        ("lowest", 3, "centre"),
+        pytest.param("lowest", 3, "centre", marks=pytest.mark.long),
         ("nearest-corner", 2, "centre"),
-        ("nearest-corner", 3, "share"),
+        pytest.param("nearest-corner", 3, "share", marks=pytest.mark.long),
         ("most-contact", 2, "share"),
-        ("most-contact", 3, "centre"),
-        ("least-wasted", 2, "centre"),
+        pytest.param("most-contact", 3, "centre", marks=pytest.mark.long),
+        pytest.param("least-wasted", 2, "centre", marks=pytest.mark.long),
         ("least-wasted", 3, "share"),
     ],
 )

@@ -22,6 +22,7 @@ def same(policy, other):
     return policy.config == other.config
 
 
+@pytest.mark.long
 def test_a_function_is_told_what_the_file_says_and_may_end_it(tmp_path):
     records = []
     policy = train_policy(TINY, tmp_path / "whole", log=records.append, **HOW)

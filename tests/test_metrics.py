@@ -197,6 +197,7 @@ def large_bins():
     return shapes.map(within)
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(large_bins(), st.data())
 def test_figures_of_large_bins_are_those_of_pythons_integers(bin, data):

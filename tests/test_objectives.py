@@ -304,7 +304,9 @@ def top(loading, packed, tops):
 STRIP = "WIDTH,HEIGHT,COPIES,ID\n4,3,2,a\n2,6,1,b\n"
 
 
-@pytest.mark.parametrize("high", ["", "-1", "inf", "20"])
+@pytest.mark.parametrize(
+    "high", ["", *(pytest.param(high, marks=pytest.mark.long) for high in ("-1", "inf", "20"))]
+)
 @pytest.mark.parametrize("out", ["p.json", "p.csv"])
 def test_the_command_finds_the_least_height_and_the_check_knows_it(tmp_path, high, out):
     write(tmp_path, items=STRIP, bins=f"WIDTH,HEIGHT\n6,{high}\n")

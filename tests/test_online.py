@@ -172,6 +172,7 @@ def test_a_lookahead_of_one_is_none():
         assert all(alike) == same
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("setting", [SMALL, SMALL_ALL])
 def test_a_plan_takes_what_is_best_in_the_mean_of_all_items_that_may_come(setting):
     """One by one, in every way to write them down, and not one for all that are alike."""
@@ -370,6 +371,7 @@ def test_the_command_refuses_what_does_not_go_together(command, message):
         main(command.split())
 
 
+@pytest.mark.long
 def test_the_command_writes_its_rows(tmp_path):
     path = tmp_path / "rows.json"
     given = f"--methods least-z,online --instances 20 --json {path}"

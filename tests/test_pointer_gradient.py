@@ -31,8 +31,12 @@ def padded_instances(batch):
     return instances._replace(mask=jnp.arange(8) >= first)
 
 
-@pytest.mark.parametrize("scale", [0.1, 2.0, 4.0])
-@pytest.mark.parametrize("learner", ["critic", "leave-one-out"])
+@pytest.mark.parametrize(
+    "scale", [*(pytest.param(scale, marks=pytest.mark.long) for scale in (0.1, 2.0)), 4.0]
+)
+@pytest.mark.parametrize(
+    "learner", ["critic", pytest.param("leave-one-out", marks=pytest.mark.long)]
+)
 def test_the_gradient_is_that_of_eq_10(learner, scale):
     """Of the orders that the same keys draw, also where tanh is flat."""
     given = jax.tree.map(lambda leaf: scale * leaf, PARAMS)

@@ -70,6 +70,7 @@ def instances_of(orders, count=None):
     return one(indices)
 
 
+@pytest.mark.long
 def test_every_sort_packs_an_order_as_the_job_is_packed(boxes):
     orders = order_instances(boxes)
     assert (orders.count, orders.items, orders.bin) == (3, 11, (80, 60, 50))
@@ -106,6 +107,7 @@ def test_an_instance_has_what_its_order_has(boxes):
     assert numbers == {5, 11}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["brkga", "bin-aware-best-of-2", "bin-aware-search"])
 def test_methods_pack_orders_by_the_rules(method, sheets):
     orders = order_instances(sheets)
@@ -135,6 +137,7 @@ def recipe_of(orders):
     return replace(recipe, problem=orders.problem(), distribution=orders, policy=network, **sizes)
 
 
+@pytest.mark.long
 def test_a_run_learns_from_orders_and_goes_on_while_they_are_the_same(sheets, tmp_path):
     orders, run, other = order_instances(sheets), tmp_path / "run", tmp_path / "other"
     config = RunConfig("bin-aware-2d", 1, recipe_of(orders), chunk=2, checkpoint_every=4)

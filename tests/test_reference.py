@@ -38,7 +38,7 @@ ORDERS = ("random", "volume", "footprint", "height")
             },
             4.10,
         ),
-        (
+        pytest.param(
             "paper-3d",
             PAPER_3D,
             {
@@ -48,6 +48,7 @@ ORDERS = ("random", "volume", "footprint", "height")
                 "height": (0.791, 0.947, 4.098),
             },
             3.49,
+            marks=pytest.mark.long,
         ),
     ],
 )

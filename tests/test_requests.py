@@ -205,6 +205,7 @@ def test_motors_stand_on_the_floor():
     assert len(plan.bins) == 1
 
 
+@pytest.mark.long
 def test_many_orders_that_ask():
     def order(n):
         box = ItemType((1.0, 1.0, 1.0), 4 + n % 7, 5.0, limits=ItemLimits(weight_above=5.0))

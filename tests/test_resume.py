@@ -90,6 +90,7 @@ def train_in_process(run: Path) -> subprocess.Popen:
     )
 
 
+@pytest.mark.long
 def test_killed_and_resumed_is_bit_identical(uninterrupted, tmp_path):
     run = tmp_path / "killed"
     create_run(run, CONFIG)
@@ -111,6 +112,7 @@ def test_killed_and_resumed_is_bit_identical(uninterrupted, tmp_path):
     assert_same_run(run, uninterrupted)
 
 
+@pytest.mark.long
 def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted, tmp_path):
     run = tmp_path / "stopped"
     create_run(run, CONFIG)
@@ -123,6 +125,7 @@ def test_asked_to_stop_it_checkpoints_and_ends_with_the_same_bits(uninterrupted,
     assert_same_run(run, uninterrupted)
 
 
+@pytest.mark.long
 def test_a_run_with_a_mean_of_its_weights_goes_on_with_the_same_bits(tmp_path):
     recipe = replace(TINY, average=0.9, epochs=1)
     config = replace(CONFIG, train=recipe)

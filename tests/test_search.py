@@ -52,8 +52,14 @@ def costs_after(name, rounds):
     return costs_of(jax.jit(partial(run_rounds, SEARCHES[name], rounds=rounds))(KEYS, INSTANCES))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    "name", ["bin by bin", pytest.param("evolved", marks=pytest.mark.slow), "sampling"]
+    "name",
+    [
+        "bin by bin",
+        pytest.param("evolved", marks=pytest.mark.slow),
+        "sampling",
+    ],
 )
 def test_more_rounds_are_never_worse_and_pay(name):
     costs = [costs_after(name, rounds) for rounds in (1, 4, 9)]

@@ -275,6 +275,7 @@ def served(service):
         time.sleep(0.2)
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_is_replaced(service):
     (worker,) = service.workers()
     with ThreadPoolExecutor(1) as threads:
@@ -292,6 +293,7 @@ def test_a_worker_that_dies_is_replaced(service):
     assert served(service).status_code == 200
 
 
+@pytest.mark.long
 def test_a_deadline_is_kept_while_a_worker_hangs_or_a_body_is_late(service):
     (worker,) = service.workers()
     os.kill(worker, signal.SIGSTOP)

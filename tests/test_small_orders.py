@@ -25,9 +25,13 @@ def table():
 ORDERS = table()
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in MORE else ()) for name in ORDERS]
-)
+MARKS = {
+    "two kinds of pieces on a sheet": pytest.mark.long,  # ten seeds
+    **dict.fromkeys(MORE, pytest.mark.slow),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in ORDERS])
 def test_it_comes_out_right(name):
     order = ORDERS[name]
     for seed in order.seeds:

@@ -160,9 +160,9 @@ def test_half_a_base_does_not_carry_unless_that_is_asked_for(uncompiled):
     ("dimension", "rules", "copies", "resolution"),
     [
         (2, Rules(), None, None),
-        (3, Rules(1.0), None, None),
+        pytest.param(3, Rules(1.0), None, None, marks=pytest.mark.long),
         (3, Rules(0.7), 1, None),
-        (3, Rules(0.0), None, 70.0),
+        pytest.param(3, Rules(0.0), None, 70.0, marks=pytest.mark.long),
         (2, Rules(stability="centre"), None, None),
         (3, Rules(stability="centre"), None, None),
         (3, Rules(0.0, stability="static"), None, 70.0),

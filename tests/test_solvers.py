@@ -191,6 +191,7 @@ def test_brkga_is_never_worse_than_the_orders_it_starts_from(objective):
     assert (found < start).any()
 
 
+@pytest.mark.long
 def test_brkga_is_a_function_of_its_key_and_the_same_one_by_one():
     search, seeds = SEARCH[bins_first_cost], SORTS(INSTANCES)
     orders = np.asarray(search(KEYS, INSTANCES, seeds))

@@ -102,6 +102,7 @@ def test_the_parts_are_what_solve_many_gives(folder):
     assert "50 orders in 3 parts" in output
 
 
+@pytest.mark.long
 def test_five_kills_change_no_byte(folder):
     pq.write_table(made_orders(200), folder / "orders.parquet")
     assert same_after_kills(folder, ("--chunk", "20", "--packings", "2"), 5)
@@ -168,11 +169,17 @@ def test_short_floats_are_the_numbers_that_they_show():
     ("change", "message"),
     [
         (("--packings", "3"), "manifest.json: is of another options: packings, 8 instead of 3"),
-        (("--seed", "1"), "another options: seed, 0 instead of 1"),
+        pytest.param(
+            ("--seed", "1"), "another options: seed, 0 instead of 1", marks=pytest.mark.long
+        ),
         ((), "manifest.json: is of another input: bytes"),
-        (("--support", "2"), "--support 2: give a share"),
-        (("--chunk", "0"), "--chunk: 0 is not possible"),
-        (("--ignore", "NOWHERE"), "--ignore 'NOWHERE': there is no such column"),
+        pytest.param(("--support", "2"), "--support 2: give a share", marks=pytest.mark.long),
+        pytest.param(("--chunk", "0"), "--chunk: 0 is not possible", marks=pytest.mark.long),
+        pytest.param(
+            ("--ignore", "NOWHERE"),
+            "--ignore 'NOWHERE': there is no such column",
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_what_is_not_the_same_command_is_one_line(folder, change, message):

@@ -25,6 +25,7 @@ def rows(comparison, sweep=None):
     return [replace(row, ms_per_instance=0, batch=0) for row in made]
 
 
+@pytest.mark.long
 def test_chunks_and_interruptions_do_not_change_a_bit(tmp_path):
     whole = rows(WHOLE)
     assert rows(replace(WHOLE, chunk=7, batch=3)) == whole

@@ -95,7 +95,7 @@ def trained_alone(member, path):
     return end_of(path, member.config)
 
 
-@pytest.mark.parametrize("number", [0, 3])
+@pytest.mark.parametrize("number", [pytest.param(0, marks=pytest.mark.long), 3])
 def test_a_member_is_to_the_bit_the_run_alone(sweep, number, tmp_path):
     member = sweep[number]
     alone = trained_alone(member, tmp_path / "alone")
@@ -103,6 +103,7 @@ def test_a_member_is_to_the_bit_the_run_alone(sweep, number, tmp_path):
     assert len({end_of(m.run, m.config)[0][0].tobytes() for m in sweep}) == len(sweep)
 
 
+@pytest.mark.long
 def test_so_is_one_with_other_weights_in_its_loss(tmp_path):
     listed = grid(AWARE, (4,), entropy=(0.0, 0.01), clip=(0.0, 0.1))
     members = members_of(tmp_path / "sweep", [listed[0], listed[-1]])
@@ -146,6 +147,7 @@ def test_side_by_side_members_learn_the_same():
         np.testing.assert_allclose(ours[2], theirs, rtol=1e-4, atol=2e-5)
 
 
+@pytest.mark.long
 def test_the_pure_function_takes_numbers():
     config = replace(TINY, epochs=1, train_instances=16)
     run = jax.jit(make_train(replace(config, entropy=0.5)))
@@ -155,6 +157,7 @@ def test_the_pure_function_takes_numbers():
         np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("records", [1, 5])
 def test_stopped_and_resumed_is_bit_identical(sweep, records, tmp_path):
     members = members_of(tmp_path / "again", [member.config for member in sweep])
@@ -165,6 +168,7 @@ def test_stopped_and_resumed_is_bit_identical(sweep, records, tmp_path):
         assert_same(end_of(ours.run, ours.config), end_of(theirs.run, theirs.config))
 
 
+@pytest.mark.long
 def test_members_that_are_not_at_one_update_end_alike(sweep, tmp_path):
     members = members_of(tmp_path / "again", [member.config for member in sweep])
     train_all(members, 4)
@@ -186,6 +190,7 @@ def test_a_sweep_that_is_done_has_nothing_left_to_do(sweep):
     assert before == [read_lines(member.run) for member in sweep]
 
 
+@pytest.mark.long
 def test_asked_to_stop_all_are_checkpointed(tmp_path):
     members = members_of(tmp_path / "sweep", grid(SHORT, batch=(8, 16)))
     groups = group_members(members)
@@ -195,6 +200,7 @@ def test_asked_to_stop_all_are_checkpointed(tmp_path):
     assert updates == [4, 4, None, None]
 
 
+@pytest.mark.long
 def test_one_that_diverges_stops_no_other(sweep, tmp_path):
     configs = grid(SHORT, learning_rate=(5e-4, 1e30))
     members = members_of(tmp_path / "sweep", configs)
@@ -291,6 +297,7 @@ def test_every_combination_is_planned_with_every_seed():
             plan_runs(TrainOptions(**wrong))
 
 
+@pytest.mark.long
 def test_the_command_trains_resumes_and_reports(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(cli, "prepare_jax", lambda: None)

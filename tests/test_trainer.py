@@ -67,6 +67,7 @@ def test_three_seeds_and_rates_train_at_once_and_the_cost_falls():
     assert_same_bits(jax.tree.map(lambda leaf: leaf[2], states.params), untrained)
 
 
+@pytest.mark.long
 def test_chunks_of_any_length_give_the_same_bits_from_one_trace_each():
     before = train_chunk._cache_size()
     start = init_state(SMALL, jax.random.key(0))
@@ -124,6 +125,7 @@ def test_updates_take_turns_over_bins_and_distributions():
     assert_close(both.params, state.params)
 
 
+@pytest.mark.long
 def test_the_mean_of_the_weights_is_over_all_updates_first_and_then_over_the_last():
     config = replace(SMALL, average=0.3)
     state = init_state(config, jax.random.key(0))
@@ -158,6 +160,7 @@ def test_a_shuffle_has_every_number_once_and_everywhere_as_often():
     assert orders.max() < 2 * orders.min(), "not every shuffle is as likely: 200 of each expected"
 
 
+@pytest.mark.long
 def test_some_turns_have_half_of_the_items():
     config = replace(SMALL, halves=2, others=(Cell((5, 5, 5), Distribution(6, 1, 3)),))
     sizes = [turn.distribution.items for turn in config.turns]

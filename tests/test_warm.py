@@ -65,6 +65,7 @@ def programs_in(folder):
     return {path.name for path in folder.iterdir() if path.name.startswith("jit")}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("dimension", "most", "ways"),
     [(2, 16, (1, 2)), pytest.param(3, 32, (1, 2, 6), marks=pytest.mark.slow)],

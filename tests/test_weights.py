@@ -82,7 +82,7 @@ def test_loading_executes_nothing(saved, tmp_path):
     assert not tmp_path.joinpath("sprung").exists()
 
 
-@pytest.mark.parametrize("dimension", ["2d", "3d"])
+@pytest.mark.parametrize("dimension", ["2d", pytest.param("3d", marks=pytest.mark.long)])
 def test_shipped_policies_beat_the_best_sort(dimension):
     assert f"pointer-{dimension}" in shipped_policies()
     policy = load_policy(f"pointer-{dimension}")
@@ -102,6 +102,7 @@ def test_shipped_policies_beat_the_best_sort(dimension):
 BENCHMARKS = (Path(__file__).parent.parent / "docs" / "benchmarks.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dimension", ["2d", pytest.param("3d", marks=pytest.mark.slow)])
 def test_the_bin_aware_policies_give_their_row_in_the_benchmarks(dimension):
     assert f"bin-aware-{dimension}" in shipped_policies()
