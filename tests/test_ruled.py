@@ -14,6 +14,7 @@ from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin
 from jaxpack.packing.ruled.filling import RuledBin
+from jaxpack.packing.ruled.load import Load
 from jaxpack.search.portfolio import SolveOptions, solve_job
 from jaxpack.search.quick import quick_plan
 
@@ -175,9 +176,35 @@ def test_no_time_is_time_enough():
     assert not found.plan.left_out
 
 
+def test_what_is_late_is_not_looked_for_among_all_places(monkeypatch):
+    """In a large bin one look takes a good part of a second."""
+    looks, first = [], Load.first
+    monkeypatch.setattr(Load, "first", lambda *of: looks.append(of) or first(*of))
+    random = np.random.default_rng(0)
+    for bins, rules in ((BinType((40.0, 30.0, 30.0)),), Rules()), (_barred(), Rules(door="x")):
+        items = tuple(
+            ItemType(size, limits=ItemLimits(stackable=n % 4 > 0, stop=1 + n % 3))
+            for n, size in enumerate(map(tuple, random.integers(2, 9, (300, 3)).astype(float)))
+        )
+        looks.clear()
+        plan = packed(Job(items, bins), rules, late=True)
+        obeys(Job(items, bins), plan, rules)
+        assert not plan.left_out
+        assert len(looks) <= 2 * len(plan.bins) < 100
+
+
+def _barred():
+    bars = (Obstacle((15.0, 0.0, 0.0), (2.0, 30.0, 5.0)),)
+    return (BinType((40.0, 30.0, 30.0), limits=BinLimits(obstacles=bars)),)
+
+
 def test_a_group_that_is_late_is_not_tried_again_for_every_bin(monkeypatch):
     tried, take = [], RuledBin.take
-    monkeypatch.setattr(RuledBin, "take", lambda bin, row: tried.append(row) or take(bin, row))
+    monkeypatch.setattr(
+        RuledBin,
+        "take",
+        lambda bin, row, *more, **how: tried.append(row) or take(bin, row, *more, **how),
+    )
     random = np.random.default_rng(0)
     items = tuple(
         ItemType(tuple(random.integers(2, 6, 3).astype(float).tolist()), limits=ItemLimits(group=g))

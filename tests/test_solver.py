@@ -21,6 +21,7 @@ from jaxpack.model.encoding import (
 )
 from jaxpack.model.figures import plan_figures
 from jaxpack.model.job import ORIENTATIONS, BinType, ItemType, Job
+from jaxpack.model.limits import ItemLimits
 from jaxpack.model.objectives import bounds
 from jaxpack.model.plan_check import check_plan
 from jaxpack.model.rules import Rules
@@ -396,6 +397,19 @@ def test_what_is_minimised(name, uncompiled):
     types = [packed.bin for packed in found.plan.bins]
     assert [types.count(kind) for kind in range(2)] == right
     assert found.end == End.BOUND
+
+
+@pytest.mark.parametrize("ruled", [False, True])
+def test_the_first_plan_is_in_few_bins_wherever_they_stand_in_the_file(ruled, uncompiled):
+    """Of a large order it may be the only one that there is time for."""
+    sides = np.random.default_rng(0).integers(2, 7, (60, 3)).astype(float)
+    limits = ItemLimits(weight_above=5.0) if ruled else ItemLimits()
+    items = tuple(ItemType(tuple(size), weight=1.0, limits=limits) for size in sides.tolist())
+    kinds = BinType((8, 8, 8)), BinType((40, 20, 20))
+    counts = [
+        len(searched(Job(items, bins), packings=1).plan.bins) for bins in (kinds, kinds[::-1])
+    ]
+    assert counts[0] == counts[1] <= 2
 
 
 def test_to_leave_something_out_is_worse_than_any_cost(uncompiled):

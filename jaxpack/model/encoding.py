@@ -208,7 +208,8 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
     """One of the sorts, with one of the ways to turn the items; the later the more noise. Half of
     them begin with what carries most, where a job asks for that.
 
-    Bins: one type before the others (a lane for each), those by price per volume or by price.
+    Bins: by price per volume, which comes first, or by price; or one type before the others (a lane
+    for each).
     """
     random = np.random.default_rng([seed, lane])
     stock = loading.stock
@@ -234,7 +235,7 @@ def lane_genes(loading: Loading, seed: int, lane: int) -> Genes:
     rooms = stock.bins.astype(np.float64).prod(1)
     worth = (stock.price / rooms, stock.price)[lane % 2]
     kinds = len(loading.job.bins)
-    pool = np.lexsort((worth, loading.bins != lane % (kinds + 1)))
+    pool = np.lexsort((worth, loading.bins != (lane - 1) % (kinds + 1)))
     return Genes(*(rows.astype(np.int32) for rows in (order, turn, pool)))
 
 

@@ -17,7 +17,7 @@ from jaxpack.search.beam import alone
 from jaxpack.search.bin_values import has_values
 from jaxpack.search.block_policy import shipped
 from jaxpack.search.local_search import Best, better
-from jaxpack.search.quick import SORTS, quick_plan
+from jaxpack.search.quick import SORTS, quick_packing, quick_plan
 from jaxpack.search.record import End, Progress, Record
 from jaxpack.search.requests import Request
 from jaxpack.search.uncompiled import all_differ, search_uncompiled
@@ -160,8 +160,12 @@ class _Searches:
     def _all(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
+        left = (self.options.packings or inf) - 1
+        for found in self._by_type(left):
+            yield found, 1
+            best, left = found if found.cost < best.cost else best, left - 1
         if self.options.packings is not None:
-            yield from self._counted(best, self.options.packings - 1)
+            yield from self._counted(best, int(left))
             return
         quickly = self._quickly(best, self.late)
         # Most orders are done before anything starts.
@@ -178,6 +182,17 @@ class _Searches:
             yield from self._beside(process, quickly)
         finally:
             give_back(process)
+
+    def _by_type(self, most: float) -> Iterator[Best]:
+        """Packings into each type of bins before the others: bins by value mix them."""
+        types = len(self.loading.job.bins)
+        lanes = 0 if types == 1 or self.orders_first else min(types, most)
+        for lane in range(1, int(lanes) + 1):
+            genes = lane_genes(self.loading, self.options.seed, lane)
+            found = quick_packing(self.loading, genes, self.late)
+            if found is None:
+                return
+            yield found
 
     def end_of(self, packings: int) -> End:
         """Why a search ends that has tried so many and was not interrupted."""

@@ -78,7 +78,7 @@ def search_quickly(
     random = np.random.default_rng([seed, 1])
     best = first
     for lane in range(1, min(sorts, RULED_SORTS) + 1 if loading.ruled else sorts + 1):
-        new = _packed(loading, lane_genes(loading, seed, lane), stop)
+        new = quick_packing(loading, lane_genes(loading, seed, lane), stop)
         yield new
         if new is None:
             return
@@ -95,7 +95,7 @@ def search_quickly(
                 return
             best = new if new.cost < best.cost else best
         runs = runs_of(loading, now.genes)
-        new = _packed(loading, _changed(loading, now.genes.pool, runs, random, several), stop)
+        new = quick_packing(loading, _changed(loading, now.genes.pool, runs, random, several), stop)
         yield new
         if new is None:
             return
@@ -107,7 +107,7 @@ def search_quickly(
             idle, fresh = 0, not fresh
             now = best
             if fresh:
-                anew = _packed(loading, _shuffled(loading, best.genes.pool, random), stop)
+                anew = quick_packing(loading, _shuffled(loading, best.genes.pool, random), stop)
                 yield anew
                 if anew is None:
                     return
@@ -249,7 +249,8 @@ def cost_of(loading: Loading, genes: Genes, bin: np.ndarray, corner: np.ndarray)
     return float(loading.objective.cost(loading.stock, placed)[0])
 
 
-def _packed(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
+def quick_packing(loading: Loading, genes: Genes, stop: Stop) -> Best | None:
+    """The packing of one lane; None where it was cut off."""
     if loading.ruled:
         packing = pack_by_rules(loading, genes, stop, to_end=False)
     else:

@@ -28,14 +28,15 @@ def pack_by_rules(
         loading: what is to be packed.
         genes: of one lane.
         stop: asked before every placement.
-        to_end: whether all is packed once it stops, as it comes: a bin is full then when an item
-            finds no place. Otherwise what follows is not packed.
+        to_end: whether all is packed once it stops, as it comes: in rows on the floors of further
+            bins if there are enough of them, or else a bin is full then when an item finds no
+            place. Otherwise what follows is not packed.
     """
     packing = Packing(loading, genes, stop, to_end)
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     order, barren = list[np.ndarray](), set[int]()
     for number, slot in enumerate(genes.pool.tolist(), 1):
-        packing.more = number < len(genes.pool)
+        packing.further = len(genes.pool) - number
         kind = int(loading.bins[slot])
         if kind in barren:  # what waits has not changed since nothing of it fitted such a bin
             continue
@@ -59,7 +60,7 @@ class Packing:
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
-        self.more = True  # whether there is a bin after this one
+        self.further = 0  # bins after this one
         self.stacking = False  # see `Load`
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
@@ -99,7 +100,9 @@ class Packing:
             always: whether they stand nowhere else.
         """
         most = min(self.most, len(self.waiting))
-        bin = RuledBin(self.loading, slot, self.rules, self.turn, most)
+        enough = self.to_end and self.further + 1 >= len(self.waiting)  # one for each
+        hurry = self.stop if enough else lambda: False
+        bin = RuledBin(self.loading, slot, self.rules, self.turn, most, hurry)
         bin.load.stacking = self.stacking
         if balanced:
             bin.load.prefer = Balance(bin.load).off
@@ -110,7 +113,7 @@ class Packing:
             late = self.stop()
             if late and not self.to_end:
                 break
-            if not bin.take_all(rows) and late and bin.load.rows and self.more:
+            if not bin.take_all(rows) and late and bin.load.rows and self.further:
                 break
         if not bin.load.rows:  # groups that fitted one bin in another order
             scattered = ~np.isin(self.group[self.waiting], [-1, *self.loading.groups])

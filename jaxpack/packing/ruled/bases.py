@@ -22,9 +22,9 @@ class Bases(BoxRule):
         if asked.floor[at.item]:
             on_floor: np.ndarray = at.low[2] == 0
             return on_floor
-        under = load.item[load.fixed : load.count]
+        items = at.under >= load.fixed
+        under = load.item[at.under[items]]
         wrong = ~asked.stackable[under] | (asked.stack_id[under] != asked.stack_id[at.item])
         if load.loading.rules.heavy_below:
             wrong |= asked.weight[under] < asked.weight[at.item]
-        lies = at.area[:, load.fixed : load.count] > 0
-        return ~np.any(lies & wrong, axis=1)
+        return ~np.any((at.area[:, items] > 0) & wrong, axis=1)

@@ -1,6 +1,6 @@
 """A bin that is being filled: what lies where, and what all of it together may be."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,7 +16,13 @@ class RuledBin:
     """Takes items where its rules allow them, while it has not too many of them."""
 
     def __init__(
-        self, loading: Loading, slot: int, rules: list[type[BoxRule]], turn: np.ndarray, most: int
+        self,
+        loading: Loading,
+        slot: int,
+        rules: list[type[BoxRule]],
+        turn: np.ndarray,
+        most: int,
+        hurry: Callable[[], bool] = lambda: False,
     ) -> None:
         """An empty one.
 
@@ -26,8 +32,10 @@ class RuledBin:
             rules: of boxes that the job asks for.
             turn: int [N], orientations by row of the stock; `take_shelved` changes them.
             most: items there are at most.
+            hurry: whether there is no time to look for places: from then on items stand on the
+                floor in rows, in bins that are begun so, and all other bins are full.
         """
-        self.loading, self.rules, self.turn = loading, rules, turn
+        self.loading, self.rules, self.turn, self.hurry = loading, rules, turn, hurry
         self.load = load = Load(loading, slot, rules, most)
         stock = loading.stock
         limit = int(stock.limit[slot])
@@ -46,12 +54,15 @@ class RuledBin:
         self.apart = set(loading.asked.apart[loading.items[rows]].tolist()) - {-1}
         self.left = self.limit - int(loading.stock.weight[rows].sum())
         self.free = self.space - sum(map(self._volume, rows))
+        if not rows:
+            self.shelf: tuple[int, int] | None = None  # where the last row begins and ends in x
 
-    def take(self, row: int) -> bool:
+    def take(self, row: int, patiently: bool = False) -> bool:
         """Puts an item at its first place; False if it has none.
 
         Args:
             row: of the stock.
+            patiently: whether a place is looked for in a `hurry` too.
         """
         load, loading, turn = self.load, self.loading, int(self.turn[row])
         item = int(loading.items[row])
@@ -60,25 +71,48 @@ class RuledBin:
             return False
         if len(load.rows) >= self.most or self.in_vain.get((item, turn)) == load.count:
             return False
-        # In an empty bin it is turned if it has to be: it might never find a place otherwise.
-        for way in (turn, *range(int(loading.stock.ways[row]) * (not load.rows))):
-            if at := load.first(row, way):
-                break
-        else:
+        hurried = not patiently and self.hurry()
+        if not (self._beside(row, turn) if hurried and load.rows else self._first(row, turn)):
             self.in_vain[item, turn] = load.count
             return False
-        self.turn[row] = way
-        load.add(at, row)
+        if hurried and len(load.rows) == 1:
+            self.shelf = int(load.low[0, load.fixed]), int(load.high[0, load.fixed])
         self.left, self.free = self.left - weight, self.free - self._volume(row)
         if code >= 0:
             self.apart.add(code)
         return True
 
+    def _first(self, row: int, turn: int) -> bool:
+        """At the first of all places. In an empty bin it is turned if it has to be: it might never
+        find a place otherwise.
+        """
+        load = self.load
+        for way in (turn, *range(int(self.loading.stock.ways[row]) * (not load.rows))):
+            if at := load.first(row, way):
+                self.turn[row] = way
+                load.add(at, row)
+                return True
+        return False
+
+    def _beside(self, row: int, turn: int) -> bool:
+        """On the floor, in y behind what was loaded last, or in x behind all of its row."""
+        load = self.load
+        if self.shelf is None:
+            return False
+        (start, end), gap = self.shelf, load.asked.gap
+        for corner in ((start, load.high[1, load.count - 1] + gap, 0), (end + gap, 0, 0)):
+            at = -(-np.array(corner) // load.step) * load.step
+            if load.put(row, turn, at):
+                self.shelf = int(at[0]), max(end, int(load.high[0, load.count - 1]))
+                return True
+        return False
+
     def take_all(self, rows: Sequence[int]) -> bool:
         """Puts all of them, or none."""
         before = len(self.load.rows)
         for row in rows:
-            if not self.take(row):
+            # A group that fits a bin has to come into an empty one, however long that takes.
+            if not self.take(row, patiently=not before and len(rows) > 1):
                 if len(self.load.rows) > before:
                     self.cut(before)
                 return not before and len(rows) > 1 and self.take_shelved(rows)

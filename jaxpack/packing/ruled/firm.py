@@ -45,10 +45,10 @@ class Firm(BoxRule):
         Of boxes only those that one of the places is on.
         """
         double, lies = (at.low + at.high)[:2, :, None], at.area > 0
-        some = np.flatnonzero(lies.any(0))
+        some, lies = at.under[lies.any(0)], lies[:, lies.any(0)]
         low = np.maximum(at.low[:2, :, None], self.low[:, None, some])
         high = np.minimum(at.high[:2, :, None], self.high[:, None, some])
-        lies = lies[:, some] & (low < high).all(0)
+        lies &= (low < high).all(0)
         sides = (at.high - at.low)[:2, :, None]
         reach = np.stack([double - 2 * low, 2 * high - double])  # [far ends, axes, C, B]
         enough = (reach * (MARGIN // 2) >= sides) & lies

@@ -15,7 +15,7 @@ PAIRS = 2**19  # places times boxes that are looked at together
 
 
 class Places:
-    """C places of one item, and how it would lie there among the B boxes of a bin."""
+    """C places of one item, and how it would lie there among the B boxes of a bin, on S of them."""
 
     def __init__(self, load: "Load", item: int, low: np.ndarray, size: np.ndarray) -> None:
         """Of an item type, with corners [3, C] and sides [3], units."""
@@ -38,10 +38,26 @@ class Places:
         return over
 
     @cached_property
+    def under(self) -> np.ndarray:
+        """int [S], ascending, boxes: all that it may lie on at one of the places, few of all."""
+        load, n = self.load, self.load.count
+        near = (load.rest[:n] >= self.low[2].min()) & (load.rest[:n] <= self.low[2].max())
+        for axis in (0, 1):
+            near &= load.low[axis, :n] < self.high[axis].max()
+            near &= load.high[axis, :n] > self.low[axis].min()
+        return np.flatnonzero(near)
+
+    @cached_property
     def area(self) -> np.ndarray:
-        """int64 [C, B], of its base that lies on each of them."""
-        lies = self.over & (self.load.rest[: self.load.count] == self.low[2][:, None])
-        area: np.ndarray = self.along[0] * self.along[1] * lies
+        """int64 [C, S], of its base that lies on each of those that may be `under` it."""
+        load, some = self.load, self.under
+        x, y = (
+            np.minimum(self.high[axis][:, None], load.high[axis, some])
+            - np.maximum(self.low[axis][:, None], load.low[axis, some])
+            for axis in (0, 1)
+        )
+        lies = (x > 0) & (y > 0) & (load.rest[some] == self.low[2][:, None])
+        area: np.ndarray = x * y * lies
         return area
 
     def pick(self, some: slice | np.ndarray) -> "Places":
@@ -51,6 +67,8 @@ class Places:
         for name in ("over", "area"):
             if name in known:
                 vars(picked)[name] = known[name][some]
+        if "under" in known:
+            vars(picked)["under"] = known["under"]
         if "along" in known:
             vars(picked)["along"] = known["along"][:, some]
         return picked

@@ -32,8 +32,7 @@ class Loads(BoxRule):
         table = self.carried[:n, column]
         weight = asked.weight[item]
         now = weight @ table[load.fixed :] - weight[bounded]
-        under = np.flatnonzero(at.area.any(0))
-        more = asked.weight[at.item] * (_shares(at)[:, under] @ table[under])
+        more = asked.weight[at.item] * (_shares(at) @ table[at.under])
         allowed: np.ndarray = (now + more <= above * (1 + NOISE)).all(1)
         return allowed
 
@@ -44,11 +43,11 @@ class Loads(BoxRule):
             wider = np.eye(2 * n)
             wider[:n, :n] = self.carried
             self.carried = wider
-        self.carried[n, : n + 1] = np.append(_shares(at)[0] @ self.carried[:n, :n], 1)
+        self.carried[n, : n + 1] = np.append(_shares(at)[0] @ self.carried[at.under, :n], 1)
 
 
 def _shares(at: Places) -> np.ndarray:
-    """float64 [C, B], of its weight that lies on each box."""
+    """float64 [C, S], of its weight that lies on each of the boxes `under` it."""
     whole = np.maximum(at.area.sum(1, keepdims=True), 1)
     shares: np.ndarray = at.area / whole
     return shares

@@ -34,6 +34,6 @@ class Stacks(BoxRule):
 
     def _with(self, at: Places) -> tuple[np.ndarray, np.ndarray]:
         """(items from the floor up to it, how many more those below it allow), int64 [C] both."""
-        n, lies = self.load.count, at.area > 0
-        depth = 1 + np.where(lies, self.depth[:n], 0).max(1)
-        return depth, np.where(lies, self.more[:n], ANY).min(1) - 1
+        lies = at.area > 0
+        depth = 1 + np.where(lies, self.depth[at.under], 0).max(1, initial=0)
+        return depth, np.where(lies, self.more[at.under], ANY).min(1, initial=ANY) - 1
