@@ -40,7 +40,7 @@ LONG_3D = replace(
     learner="leave-one-out-by-bin",
 )
 
-# What gets as far in a tenth of the time. Centred inputs are what matters most: where all lie
+# What gets nearly as far in a third of the time or less. Centred inputs are what matters most: where all lie
 # above zero, one direction of the first layer learns fast and the others slowly.
 BIN_AWARE_2D = replace(
     LONG,
