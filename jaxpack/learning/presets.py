@@ -40,8 +40,8 @@ LONG_3D = replace(
     learner="leave-one-out-by-bin",
 )
 
-# What gets nearly as far in a third of the time or less. Centred inputs are what matters most: where all lie
-# above zero, one direction of the first layer learns fast and the others slowly.
+# What gets nearly as far in a third of the time or less. Centred inputs are what matters most:
+# where all lie above zero, one direction of the first layer learns fast and the others slowly.
 BIN_AWARE_2D = replace(
     LONG,
     policy=BinAwareConfig(sees="all", temperature=1.5, input_centre=0.3, input_scale=4.0),

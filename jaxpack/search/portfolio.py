@@ -161,9 +161,9 @@ class _Searches:
         best = quick_plan(self.loading, first, self.late)
         yield best, 1
         left = (self.options.packings or inf) - 1
-        for found in self._by_type(left):
-            yield found, 1
-            best, left = found if found.cost < best.cost else best, left - 1
+        for other in self._by_type(left):
+            yield other, 1
+            best, left = better(best, other), left - 1
         if self.options.packings is not None:
             yield from self._counted(best, int(left))
             return
