@@ -193,6 +193,14 @@ def test_what_is_late_is_not_looked_for_among_all_places(monkeypatch):
         assert len(looks) <= 2 * len(plan.bins) < 100
 
 
+def test_what_is_late_wastes_no_bins_of_which_there_are_few():
+    few, many = BinType((10.0, 10.0, 10.0), copies=1), BinType((4.0, 4.0, 4.0))
+    limits = ItemLimits(weight_above=100.0)
+    items = ItemType((5.0, 5.0, 5.0), 8, limits=limits), ItemType((4.0, 4.0, 4.0), 9, limits=limits)
+    job = Job(items, (few, many))
+    assert not packed(job, Rules(), late=True).left_out
+
+
 def _barred():
     bars = (Obstacle((15.0, 0.0, 0.0), (2.0, 30.0, 5.0)),)
     return (BinType((40.0, 30.0, 30.0), limits=BinLimits(obstacles=bars)),)

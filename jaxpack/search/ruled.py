@@ -36,12 +36,13 @@ def pack_by_rules(
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
     order, barren = list[np.ndarray](), set[int]()
     for number, slot in enumerate(genes.pool.tolist(), 1):
-        packing.further = len(genes.pool) - number
         kind = int(loading.bins[slot])
         if kind in barren:  # what waits has not changed since nothing of it fitted such a bin
             continue
         if not len(packing.waiting) or (stop() and not to_end):
             break
+        further = loading.bins[genes.pool[number:]]
+        packing.further, packing.alike = len(further), int((further == kind).sum())
         rows, corners = packing.fill(slot)
         packing.take(rows)
         barren = set() if len(rows) else barren | {kind}
@@ -60,7 +61,7 @@ class Packing:
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
-        self.further = 0  # bins after this one
+        self.further = self.alike = 0  # bins after this one, and of them those of its type
         self.stacking = False  # see `Load`
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
@@ -100,7 +101,7 @@ class Packing:
             always: whether they stand nowhere else.
         """
         most = min(self.most, len(self.waiting))
-        enough = self.to_end and self.further + 1 >= len(self.waiting)  # one for each
+        enough = self.to_end and self.alike + 1 >= len(self.waiting)  # one for each
         hurry = self.stop if enough else lambda: False
         bin = RuledBin(self.loading, slot, self.rules, self.turn, most, hurry)
         bin.load.stacking = self.stacking
