@@ -13,6 +13,7 @@ from jaxpack.model.limits import BinLimits, ItemLimits, Obstacle
 from jaxpack.model.plan_check import plan_violations
 from jaxpack.model.rules import Rules
 from jaxpack.model.shelves import fits_one_bin
+from jaxpack.packing.ruled import filling
 from jaxpack.packing.ruled.filling import RuledBin
 from jaxpack.packing.ruled.load import Load
 from jaxpack.search.portfolio import SolveOptions, solve_job
@@ -178,8 +179,8 @@ def test_no_time_is_time_enough():
 
 def test_what_is_late_is_not_looked_for_among_all_places(monkeypatch):
     """In a large bin one look takes a good part of a second."""
-    looks, first = [], Load.first
-    monkeypatch.setattr(Load, "first", lambda *of: looks.append(of) or first(*of))
+    looks, resting = [], Load._resting
+    monkeypatch.setattr(Load, "_resting", lambda *of: looks.append(of) or resting(*of))
     random = np.random.default_rng(0)
     for bins, rules in ((BinType((40.0, 30.0, 30.0)),), Rules()), (_barred(), Rules(door="x")):
         items = tuple(
@@ -190,7 +191,42 @@ def test_what_is_late_is_not_looked_for_among_all_places(monkeypatch):
         plan = packed(Job(items, bins), rules, late=True)
         obeys(Job(items, bins), plan, rules)
         assert not plan.left_out
-        assert len(looks) <= 2 * len(plan.bins) < 100
+        assert not looks
+        assert len(plan.bins) < 12
+
+
+def test_corner_points_are_nearly_as_good_as_all_places(monkeypatch):
+    """Where a bin may hold very many, looking everywhere would take minutes."""
+    bins, most = {}, filling.MANY
+    for many in (most, 0):
+        monkeypatch.setattr(filling, "MANY", many)
+        for seed, name in enumerate(("weight_above", "stackable", "stop", "gap", "door") * 3):
+            job, rules = order_of(seed, name)
+            plan = packed(replace(job, bins=job.bins[:1]), rules)
+            obeys(job, plan, rules)
+            bins[many, seed] = len(plan.bins) + len(plan.left_out)
+    everywhere, points = (sum(bins[many, seed] for seed in range(15)) for many in (most, 0))
+    assert everywhere <= points <= 1.15 * everywhere
+
+
+def test_no_item_is_tried_at_very_many_places(monkeypatch):
+    """Also if it is not late: with the square of the items in a bin a look takes ever longer."""
+    looks, resting = [], Load._resting
+    monkeypatch.setattr(
+        Load,
+        "_resting",
+        lambda load, x, y, *of: looks.append(len(x) * len(y)) or resting(load, x, y, *of),
+    )
+    random = np.random.default_rng(0)
+    items = tuple(
+        ItemType(size, limits=ItemLimits(stackable=n % 4 > 0))
+        for n, size in enumerate(map(tuple, random.integers(100, 600, (300, 3)).astype(float)))
+    )
+    job = Job(items, (BinType((6000.0, 2450.0, 2600.0), copies=2),))
+    plan = packed(job, Rules())
+    obeys(job, plan, Rules())
+    assert not plan.left_out
+    assert 2**14 < max(looks) <= 2**16
 
 
 def test_what_is_late_wastes_no_bins_of_which_there_are_few():

@@ -15,6 +15,7 @@ from jaxpack.packing.ruled.balance import Balance
 from jaxpack.packing.ruled.filling import RuledBin
 
 FEW = 256  # rows that are looked up together
+PATIENCE = 16  # items in a row that find no place when it is late, and a bin is full
 Stop = Callable[[], bool]
 
 
@@ -28,9 +29,9 @@ def pack_by_rules(
         loading: what is to be packed.
         genes: of one lane.
         stop: asked before every placement.
-        to_end: whether all is packed once it stops, as it comes: in rows on the floors of further
-            bins if there are enough of them, or else a bin is full then when an item finds no
-            place. Otherwise what follows is not packed.
+        to_end: whether all is packed once it stops, as it comes: at corner points, and a bin is
+            full when some items find no place, if there are bins enough. Otherwise what follows is
+            not packed.
     """
     packing = Packing(loading, genes, stop, to_end)
     bin, corner = np.full(len(genes.order), -1, np.int32), np.zeros((len(genes.order), 3), np.int32)
@@ -41,8 +42,7 @@ def pack_by_rules(
             continue
         if not len(packing.waiting) or (stop() and not to_end):
             break
-        further = loading.bins[genes.pool[number:]]
-        packing.further, packing.alike = len(further), int((further == kind).sum())
+        packing.further = len(genes.pool) - number
         rows, corners = packing.fill(slot)
         packing.take(rows)
         barren = set() if len(rows) else barren | {kind}
@@ -61,10 +61,14 @@ class Packing:
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
-        self.further = self.alike = 0  # bins after this one, and of them those of its type
+        self.further = 0  # bins after this one
         self.stacking = False  # see `Load`
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
+
+    def hurry(self) -> bool:
+        """Whether there is no time to look for places everywhere."""
+        return self.to_end and self.stop()
 
     def arrange(self, place: np.ndarray) -> None:
         """Puts what waits in this order, but what is unloaded last before the others.
@@ -101,20 +105,20 @@ class Packing:
             always: whether they stand nowhere else.
         """
         most = min(self.most, len(self.waiting))
-        enough = self.to_end and self.alike + 1 >= len(self.waiting)  # one for each
-        hurry = self.stop if enough else lambda: False
-        bin = RuledBin(self.loading, slot, self.rules, self.turn, most, hurry)
+        bin = RuledBin(self.loading, slot, self.rules, self.turn, most, self.hurry)
         bin.load.stacking = self.stacking
         if balanced:
             bin.load.prefer = Balance(bin.load).off
         if always:
             bin.load.rules.append(Balance(bin.load))
         self._begin(bin)
+        in_vain = 0
         for rows in self._offers(set(bin.load.rows)):
             late = self.stop()
             if late and not self.to_end:
                 break
-            if not bin.take_all(rows) and late and bin.load.rows and self.further:
+            in_vain = 0 if bin.take_all(rows) else in_vain + 1
+            if late and in_vain >= PATIENCE and self.further >= len(self.waiting):
                 break
         if not bin.load.rows:  # groups that fitted one bin in another order
             scattered = ~np.isin(self.group[self.waiting], [-1, *self.loading.groups])

@@ -3,7 +3,8 @@
 import numpy as np
 
 from jaxpack.model.encoding import Loading
-from jaxpack.packing.ruled.load import BoxRule, Load, Places
+from jaxpack.packing.ruled.load import BoxRule, Load
+from jaxpack.packing.ruled.places import Places
 
 NOISE = 1e-12  # of a side
 

@@ -10,6 +10,9 @@ from jaxpack.model.units import in_units
 from jaxpack.packing.ruled import asked_rules
 from jaxpack.packing.ruled.balance import Balance
 from jaxpack.packing.ruled.load import BoxRule, Load
+from jaxpack.packing.ruled.points import Points
+
+MANY = 2**16  # places that are looked at for one item; where there are more, corner points are
 
 
 class RuledBin:
@@ -32,8 +35,8 @@ class RuledBin:
             rules: of boxes that the job asks for.
             turn: int [N], orientations by row of the stock; `take_shelved` changes them.
             most: items there are at most.
-            hurry: whether there is no time to look for places: from then on items stand on the
-                floor in rows, in bins that are begun so, and all other bins are full.
+            hurry: whether there is no time to look for places everywhere. From then on items
+                begin at the corner `points` of the load, as they do where there are too many.
         """
         self.loading, self.rules, self.turn, self.hurry = loading, rules, turn, hurry
         self.load = load = Load(loading, slot, rules, most)
@@ -54,15 +57,13 @@ class RuledBin:
         self.apart = set(loading.asked.apart[loading.items[rows]].tolist()) - {-1}
         self.left = self.limit - int(loading.stock.weight[rows].sum())
         self.free = self.space - sum(map(self._volume, rows))
-        if not rows:
-            self.shelf: tuple[int, int] | None = None  # where the last row begins and ends in x
 
     def take(self, row: int, patiently: bool = False) -> bool:
         """Puts an item at its first place; False if it has none.
 
         Args:
             row: of the stock.
-            patiently: whether a place is looked for in a `hurry` too.
+            patiently: whether it may be anywhere in a `hurry` too.
         """
         load, loading, turn = self.load, self.loading, int(self.turn[row])
         item = int(loading.items[row])
@@ -71,52 +72,39 @@ class RuledBin:
             return False
         if len(load.rows) >= self.most or self.in_vain.get((item, turn)) == load.count:
             return False
-        hurried = not patiently and self.hurry()
-        if not (self._beside(row, turn) if hurried and load.rows else self._first(row, turn)):
+        if not load.points and (load.places > MANY or self.hurry()):
+            load.points = Points(load)
+        if not self._first(row, turn, patiently):
             self.in_vain[item, turn] = load.count
             return False
-        if hurried and len(load.rows) == 1:
-            self.shelf = int(load.low[0, load.fixed]), int(load.high[0, load.fixed])
         self.left, self.free = self.left - weight, self.free - self._volume(row)
         if code >= 0:
             self.apart.add(code)
         return True
 
-    def _first(self, row: int, turn: int) -> bool:
+    def _first(self, row: int, turn: int, everywhere: bool) -> bool:
         """At the first of all places. In an empty bin it is turned if it has to be: it might never
         find a place otherwise.
         """
         load = self.load
         for way in (turn, *range(int(self.loading.stock.ways[row]) * (not load.rows))):
-            if at := load.first(row, way):
+            if at := load.first(row, way, everywhere):
                 self.turn[row] = way
                 load.add(at, row)
-                return True
-        return False
-
-    def _beside(self, row: int, turn: int) -> bool:
-        """On the floor, in y behind what was loaded last, or in x behind all of its row."""
-        load = self.load
-        if self.shelf is None:
-            return False
-        (start, end), gap = self.shelf, load.asked.gap
-        for corner in ((start, load.high[1, load.count - 1] + gap, 0), (end + gap, 0, 0)):
-            at = -(-np.array(corner) // load.step) * load.step
-            if load.put(row, turn, at):
-                self.shelf = int(at[0]), max(end, int(load.high[0, load.count - 1]))
                 return True
         return False
 
     def take_all(self, rows: Sequence[int]) -> bool:
         """Puts all of them, or none."""
         before = len(self.load.rows)
-        for row in rows:
-            # A group that fits a bin has to come into an empty one, however long that takes.
-            if not self.take(row, patiently=not before and len(rows) > 1):
-                if len(self.load.rows) > before:
-                    self.cut(before)
-                return not before and len(rows) > 1 and self.take_shelved(rows)
-        return True
+        group = not before and len(rows) > 1
+        # One that fits a bin has to come into an empty one, however long that takes.
+        for patiently in (False, True)[: 1 + (group and bool(self.load.points))]:
+            if all(self.take(row, patiently) for row in rows):
+                return True
+            if len(self.load.rows) > before:
+                self.cut(before)
+        return group and self.take_shelved(rows)
 
     def take_shelved(self, rows: Sequence[int]) -> bool:
         """Puts all copies of some items into the empty bin as `shelved` has them, if it has."""

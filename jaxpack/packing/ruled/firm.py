@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxpack.model.encoding import Loading
 from jaxpack.model.rules import MARGIN
-from jaxpack.packing.ruled.load import BoxRule, Load, Places
+from jaxpack.packing.ruled.load import BoxRule, Load
+from jaxpack.packing.ruled.places import Places
 
 
 class Firm(BoxRule):

@@ -2,76 +2,17 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from functools import cached_property
 
 import numpy as np
 
 from jaxpack.model.asked import ANY
 from jaxpack.model.encoding import Loading
+from jaxpack.packing.ruled.places import Places
+from jaxpack.packing.ruled.points import Points
 from jaxpack.packing.rules import RULES, Positions, rule_named
 
 FIRST, MORE = 32, 8  # places that are looked at first, and how many times as many after them
 PAIRS = 2**19  # places times boxes that are looked at together
-
-
-class Places:
-    """C places of one item, and how it would lie there among the B boxes of a bin, on S of them."""
-
-    def __init__(self, load: "Load", item: int, low: np.ndarray, size: np.ndarray) -> None:
-        """Of an item type, with corners [3, C] and sides [3], units."""
-        self.load, self.item, self.low = load, item, low
-        self.high = low + size[:, None]
-
-    @cached_property
-    def along(self) -> np.ndarray:
-        """int64 [2, C, B], lengths that footprints share along x and y, less than 0 if apart."""
-        load, n = self.load, self.load.count
-        ends = np.minimum(self.high[:2, :, None], load.high[:2, None, :n])
-        ends -= np.maximum(self.low[:2, :, None], load.low[:2, None, :n])
-        return ends
-
-    @cached_property
-    def over(self) -> np.ndarray:
-        """bool [C, B], whether footprints share area: it stands above all that they do with."""
-        along = self.along
-        over: np.ndarray = (along[0] > 0) & (along[1] > 0)
-        return over
-
-    @cached_property
-    def under(self) -> np.ndarray:
-        """int [S], ascending, boxes: all that it may lie on at one of the places, few of all."""
-        load, n = self.load, self.load.count
-        near = (load.rest[:n] >= self.low[2].min()) & (load.rest[:n] <= self.low[2].max())
-        for axis in (0, 1):
-            near &= load.low[axis, :n] < self.high[axis].max()
-            near &= load.high[axis, :n] > self.low[axis].min()
-        return np.flatnonzero(near)
-
-    @cached_property
-    def area(self) -> np.ndarray:
-        """int64 [C, S], of its base that lies on each of those that may be `under` it."""
-        load, some = self.load, self.under
-        x, y = (
-            np.minimum(self.high[axis][:, None], load.high[axis, some])
-            - np.maximum(self.low[axis][:, None], load.low[axis, some])
-            for axis in (0, 1)
-        )
-        lies = (x > 0) & (y > 0) & (load.rest[some] == self.low[2][:, None])
-        area: np.ndarray = x * y * lies
-        return area
-
-    def pick(self, some: slice | np.ndarray) -> "Places":
-        """Some of them alone, with what is known of them."""
-        picked = Places(self.load, self.item, self.low[:, some], (self.high - self.low)[:, 0])
-        known = vars(self)
-        for name in ("over", "area"):
-            if name in known:
-                vars(picked)[name] = known[name][some]
-        if "under" in known:
-            vars(picked)["under"] = known["under"]
-        if "along" in known:
-            vars(picked)["along"] = known["along"][:, some]
-        return picked
 
 
 class BoxRule(ABC):
@@ -122,6 +63,8 @@ class Load:
         """What an item wants of its place next to that it is low; it may stand at far walls too."""
         self.stacking = False
         """Whether an item rather lies on another one than on the floor."""
+        self.points: Points | None = None
+        """Where items may begin, and nowhere else, once there are any."""
         self.rules = [rule(self) for rule in rules]
         self._lines()
 
@@ -137,28 +80,20 @@ class Load:
             self.lines[1] = np.zeros(1, np.int64)
         self.rising = np.argsort(self.rest[:n], kind="stable")[1:]  # the floor is everywhere
 
-    def first(self, row: int, turn: int) -> Places | None:
+    def first(self, row: int, turn: int, everywhere: bool = False) -> Places | None:
         """The place that an item takes, None if there is none.
 
         Args:
             row: of the stock.
             turn: number of its orientation.
+            everywhere: whether to look at more than the `points` in any case.
         """
         stock = self.loading.stock
         size = stock.sizes[row, turn].astype(np.int64)
-        x, y = (self._starts(axis, int(size[axis])) for axis in (0, 1))
-        if not len(x) or not len(y) or size[2] > self.room[2]:
+        points = None if everywhere else self.points
+        low, u, v = self._at_points(points, size) if points else self._anywhere(size)
+        if not low.shape[1]:
             return None
-        found = []
-        for ceiling in self.ceilings:
-            z = self._resting(x, y, size, ceiling).ravel()
-            at = np.flatnonzero(z <= min(ceiling, self.room[2]) - size[2])
-            found.append((at, z[at]))
-        at, z = (np.concatenate(some) for some in zip(*found, strict=True))
-        if not len(at):
-            return None
-        v, u = np.divmod(at, len(x))
-        low = np.stack([x[u], y[v], z])
         item, needed = int(self.loading.items[row]), max(1, int(stock.needed[row, turn]))
         key = self._key(Places(self, item, low, size), u, v)
         for some in _parts(key, max(FIRST, PAIRS // self.count)):
@@ -169,15 +104,45 @@ class Load:
                 return places.pick(slice(best, best + 1))
         return None
 
+    def _anywhere(self, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(places int64 [3, C], numbers of their lines along x and along y, int64 [C] both)."""
+        x, y = (self._starts(axis, int(size[axis])) for axis in (0, 1))
+        found = []
+        for ceiling in self.ceilings if len(x) and len(y) else ():
+            z = self._resting(x, y, size, ceiling).ravel()
+            at = np.flatnonzero(z <= min(ceiling, self.room[2]) - size[2])
+            found.append((at, z[at]))
+        if not found:
+            nothing = np.zeros(0, np.int64)
+            return np.zeros((3, 0), np.int64), nothing, nothing
+        at, z = (np.concatenate(some) for some in zip(*found, strict=True))
+        v, u = np.divmod(at, len(x))
+        return np.stack([x[u], y[v], z]), u, v
+
+    def _at_points(
+        self, points: Points, size: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `_anywhere` has it."""
+        low = points.lowest(size)
+        low = low[:, self._reached(Places(self, -1, low, size))]
+        u, v = (np.unique(low[axis], return_inverse=True)[1] for axis in (0, 1))
+        return low, u, v
+
+    def _reached(self, at: Places) -> np.ndarray:
+        """bool [C], whether nothing is in the way from above, unless there is a door."""
+        if self.loading.rules.door:
+            return np.ones(at.low.shape[1], bool)
+        higher = self.rest[: self.count] > at.low[2][:, None]
+        reached: np.ndarray = ~(higher & at.over).any(1)
+        return reached
+
     def put(self, row: int, turn: int, corner: np.ndarray) -> bool:
         """Puts an item where it is wanted, int64 [3]; False where it may not stand there."""
         stock = self.loading.stock
         size = stock.sizes[row, turn].astype(np.int64)
         at = Places(self, int(self.loading.items[row]), corner[:, None], size)
         inside = (corner[:2] >= self.near).all() and (at.high[:2, 0] <= self.far).all()
-        top = self.rest[: self.count][at.over[0]].max(initial=0)
-        reached = corner[2] >= top or bool(self.loading.rules.door)
-        if not inside or at.high[2, 0] > self.room[2] or not reached:
+        if not inside or at.high[2, 0] > self.room[2] or not self._reached(at)[0]:
             return False
         if not self.allows(at, max(1, int(stock.needed[row, turn])))[0]:
             return False
@@ -217,12 +182,20 @@ class Load:
                 self.lines[axis] = _with(lines, place, int(start))
         place = int(self.rest[self.rising].searchsorted(self.rest[n], "right"))
         self.rising = _with(self.rising, place, n)
+        if self.points:
+            self.points.add(n)
 
     def cut(self, items: int) -> None:
         """Takes all out again but the first."""
         del self.rows[items:]
         self.count = self.fixed + items
         self._lines()
+        self.points = Points(self) if self.points and items else None
+
+    @property
+    def places(self) -> int:
+        """Where items may begin if it is everywhere: on so many crossings of lines."""
+        return len(self.lines[0]) * len(self.lines[1])
 
     @property
     def corners(self) -> np.ndarray:

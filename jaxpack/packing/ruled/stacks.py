@@ -4,7 +4,8 @@ import numpy as np
 
 from jaxpack.model.asked import ANY
 from jaxpack.model.encoding import Loading
-from jaxpack.packing.ruled.load import BoxRule, Load, Places
+from jaxpack.packing.ruled.load import BoxRule, Load
+from jaxpack.packing.ruled.places import Places
 
 
 class Stacks(BoxRule):

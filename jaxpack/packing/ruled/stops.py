@@ -5,7 +5,8 @@ import numpy as np
 from jaxpack.model.asked import LAST
 from jaxpack.model.encoding import Loading
 from jaxpack.packing.ruled.door import before_door
-from jaxpack.packing.ruled.load import BoxRule, Places
+from jaxpack.packing.ruled.load import BoxRule
+from jaxpack.packing.ruled.places import Places
 
 
 class Stops(BoxRule):

@@ -3,7 +3,8 @@
 import numpy as np
 
 from jaxpack.model.encoding import Loading
-from jaxpack.packing.ruled.load import BoxRule, Places
+from jaxpack.packing.ruled.load import BoxRule
+from jaxpack.packing.ruled.places import Places
 
 
 class Support(BoxRule):
