@@ -35,6 +35,7 @@ SENTENCES = {
     End.TIME: "time",
     End.UNREADY: "time, before the search was compiled, which goes on when this program has ended",
     End.BUDGET: "the number of packings",
+    End.LOST: "a process of the search that ended too soon, perhaps for want of memory",
     End.INTERRUPT: "an interrupt",
     End.ONLINE: "items that came one by one",
 }

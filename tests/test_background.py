@@ -96,8 +96,10 @@ def test_it_finishes_and_ends_when_it_is_let_go(process):
     assert process.process.wait(ANSWER) == 0
 
 
+@pytest.mark.parametrize("packings", [None, 200])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV])
-def test_a_search_goes_on_without_it(number, monkeypatch):
+def test_a_search_goes_on_without_it(number, packings, monkeypatch):
+    """And says so: a plan by a number of packings may be another one then."""
     taken = []
 
     def borrowed():
@@ -110,9 +112,11 @@ def test_a_search_goes_on_without_it(number, monkeypatch):
         return False
 
     monkeypatch.setattr(portfolio, "borrow", borrowed)
-    *_, last = improve(JOB, SolveOptions(4.0), stop)
-    assert last.end == End.UNREADY
-    assert last.packings > 1
+    *_, last = improve(
+        JOB, SolveOptions(4.0 if packings is None else 60.0, packings=packings), stop
+    )
+    assert last.end == End.LOST
+    assert last.packings == packings or (packings is None and last.packings > 1)
     check_plan(JOB, last.plan)
     assert taken[0].process.wait(ANSWER) == -number
 

@@ -69,6 +69,11 @@ class SearchProcess:
         return self.owner == os.getpid() and self.process.poll() is None
 
     @property
+    def lost(self) -> bool:
+        """Whether it has ended before its search: it ran out of memory, or somebody ended it."""
+        return self.running > 0 and not self.alive
+
+    @property
     def ready(self) -> bool:
         """Whether `next` need not wait."""
         return not self.replies.empty()

@@ -148,6 +148,7 @@ class _Searches:
         self.learned = options.policy and not loading.flat and 2 * alike <= len(loading.items)
         self.ready = True  # whether all that was asked has searched
         self.compiled = False  # whether the compiled search searches
+        self.lost = False  # whether its process has ended before it
         self.best: Best | None = None
 
     def run(self, first: Genes) -> Iterator[tuple[Best | None, int]]:
@@ -196,6 +197,8 @@ class _Searches:
 
     def end_of(self, packings: int) -> End:
         """Why a search ends that has tried so many and was not interrupted."""
+        if self.lost:
+            return End.LOST
         if self.options.packings is not None and packings >= self.options.packings:
             return End.BUDGET
         return End.TIME if self.ready else End.UNREADY
@@ -226,6 +229,7 @@ class _Searches:
                     for found, tried in self._reply(process):
                         left -= tried
                         yield found, tried
+                self.lost = process.lost
             finally:
                 give_back(process)
         self.compiled = False
@@ -269,5 +273,5 @@ class _Searches:
                 yield from self._reply(process)
             if self.compiled and not self.fills:
                 yield from self._reply(process)
-            if not process.alive:  # it ran out of memory, or somebody ended it
-                self.compiled = False
+            if process.lost:
+                self.compiled, self.lost = False, True

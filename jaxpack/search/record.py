@@ -22,6 +22,7 @@ class End(Enum):
     TIME = auto()
     UNREADY = auto()  # time, before the compiled search was ready
     BUDGET = auto()  # packings
+    LOST = auto()  # one of both, but the process of the compiled search had ended before
     INTERRUPT = auto()
     ONLINE = auto()  # items came one by one: there was nothing to search for
 
