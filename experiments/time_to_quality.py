@@ -31,10 +31,11 @@ PRESET = preset("bin-aware-3d")
 PLAIN = replace(PRESET.policy, input_centre=0.0, input_scale=1.0)
 BY_BIN = {
     "policy": PLAIN, "learner": "leave-one-out-by-bin", "entropy": 1e-3, "clip": 1.0, "halves": 0,
+    "samples": 8,
 }  # fmt: skip
 """How the shipped policy learned, but for batch, rate and number of updates."""
 SMALL = BY_BIN | {"batch": 32, "learning_rate": 4e-3, "loss_steps": 0.25, "average": 0.95}
-WASTE = {"batch": 32, "average": 0.95, "updates": 300, "discount": 0.25}
+WASTE = {"batch": 32, "samples": 8, "average": 0.95, "updates": 300, "discount": 0.25}
 TRIED = {
     "preset": {"updates": PRESET.updates},
     "by bin": BY_BIN | {"batch": 64, "learning_rate": 2e-3, "loss_steps": 1.0, "average": 0.0,
@@ -56,6 +57,8 @@ TRIED = {
     "by waste, discount 0": WASTE | {"policy": PLAIN, "discount": 0.0},
     "by waste, scaled": WASTE | {"policy": replace(PRESET.policy, input_centre=0.0)},
     "by waste, centred": WASTE | {"policy": PRESET.policy},
+    "8 samples of 64 instances": {"samples": 8, "updates": 400},
+    "2 samples of 128 instances": {"samples": 2, "batch": 128, "updates": 400},
 }  # fmt: skip
 """Changes of the preset bin-aware-3d."""
 
