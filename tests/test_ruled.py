@@ -274,5 +274,6 @@ def test_corners_on_a_grid():
     for seed in range(12):
         job, rules = order_of(seed, "all")
         loading = load_job(job, rules, resolution=2.0, skip_unfit=True)
-        best = quick_plan(loading, lane_genes(loading, 0, 0))
-        assert not (best.corner[:, :2] * float(loading.units.length) % 2).any()
+        for late in (False, True):
+            best = quick_plan(loading, lane_genes(loading, 0, 0), lambda late=late: late)
+            assert not (best.corner[:, :2] * float(loading.units.length) % 2).any()

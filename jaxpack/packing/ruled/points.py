@@ -5,7 +5,7 @@ and beside it, along x or y; and where it gets to from there when it is pushed a
 both, up to the next box or the wall.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Points:
         """Takes note of a box that the load has: of its points, and of those that it covers."""
         load, gap = self.load, self.load.asked.gap * (box >= self.load.fixed)
         low, rest = load.low[:, box], int(load.rest[box])
-        end = -(-(load.high[:2, box] + gap) // load.step) * load.step
+        end = self._line(load.high[:2, box] + gap)
         along = [(low[axis] <= self.at[axis]) & (self.at[axis] < end[axis]) for axis in (0, 1)]
         level = (self.at[2] < rest) & ((self.at[2] >= low[2]) | (not self.door))
         room = low[:, None] - [[gap], [gap], [0]] - self.at
@@ -53,7 +53,7 @@ class Points:
         self.free[ahead] = np.minimum(room, self.free)[ahead]
         kept = ~(along[0] & along[1] & level)
         self.at, self.free, self.looks = self.at[:, kept], self.free[:, kept], self.looks[kept]
-        (x, y, z), (right, back) = low.tolist(), end.tolist()
+        (x, y), (right, back), z = self._line(low[:2]).tolist(), end.tolist(), int(low[2])
         points = {(x, y, rest), (right, y, z), (right, self._pushed(1, box, right), z)}
         if not load.loading.flat:
             points |= {(x, back, z), (self._pushed(0, box, back), back, z)}
@@ -70,7 +70,11 @@ class Points:
         ends = load.high[axis, 1:n] + load.asked.gap
         there &= ends <= load.low[axis, box]
         end = int(ends[there].max(initial=load.near[axis]))
-        return -(-end // load.step) * load.step
+        return int(self._line(end))
+
+    def _line(self, start: Any) -> Any:
+        """The first line of the grid from there on."""
+        return -(-start // self.load.step) * self.load.step
 
     def _note(self, points: set[tuple[int, int, int]]) -> None:
         """Takes these as well, each let down onto what is below it, where there is room."""
