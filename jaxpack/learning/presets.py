@@ -61,7 +61,7 @@ BIN_AWARE_3D = replace(
     problem=PAPER_3D,
     distribution=LONG_3D.distribution,
     policy=BinAwareConfig(sees="all", input_centre=0.3, input_scale=4.0),
-    train_instances=38_400,
+    train_instances=32_000,
     batch=64,
     samples=4,
     halves=1,
