@@ -57,7 +57,8 @@ TRIED = {
     "by waste, discount 0": WASTE | {"policy": PLAIN, "discount": 0.0},
     "by waste, scaled": WASTE | {"policy": replace(PRESET.policy, input_centre=0.0)},
     "by waste, centred": WASTE | {"policy": PRESET.policy},
-    "8 samples of 64 instances": {"samples": 8, "updates": 400},
+    "8 samples of 64 instances": {"samples": 8, "updates": 400, "average": 0.97, "discount": 0.5},
+    "4 samples, discount 0.5": {"average": 0.97, "discount": 0.5, "updates": 500},
     "2 samples of 128 instances": {"samples": 2, "batch": 128, "updates": 400},
 }  # fmt: skip
 """Changes of the preset bin-aware-3d."""

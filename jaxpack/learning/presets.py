@@ -63,7 +63,9 @@ BIN_AWARE_3D = replace(
     policy=BinAwareConfig(sees="all", input_centre=0.3, input_scale=4.0),
     train_instances=32_000,
     batch=64,
+    average=0.95,
     samples=4,
+    discount=0.25,
     halves=1,
 )
 
