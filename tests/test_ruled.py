@@ -229,6 +229,19 @@ def test_no_item_is_tried_at_very_many_places(monkeypatch):
     assert 2**14 < max(looks) <= 2**16
 
 
+def test_what_finds_no_corner_point_is_tried_everywhere(monkeypatch):
+    """In the last bin: wide items hardly begin at a corner of a narrow tower."""
+    monkeypatch.setattr(filling, "MANY", 0)
+    random = np.random.default_rng(0)
+    sizes = random.integers(3, 25, (120, 3)).astype(float)
+    limits = ItemLimits(weight_above=1e3)
+    items = tuple(ItemType(tuple(size), limits=limits) for size in sizes.tolist())
+    job = Job(items, (BinType((100.0, 60.0, 1e5), copies=1),), objective="height")
+    plan = packed(job, Rules())
+    obeys(job, plan, Rules())
+    assert not plan.left_out
+
+
 def test_what_is_late_wastes_no_bins_of_which_there_are_few():
     few, many = BinType((10.0, 10.0, 10.0), copies=1), BinType((4.0, 4.0, 4.0))
     limits = ItemLimits(weight_above=100.0)

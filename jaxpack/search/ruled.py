@@ -120,18 +120,34 @@ class Packing:
             in_vain = 0 if bin.take_all(rows) else in_vain + 1
             if late and in_vain >= PATIENCE and self.further >= len(self.waiting):
                 break
+        if self.to_end and not self.further and bin.load.points:
+            self._everywhere(bin)
         if not bin.load.rows:  # groups that fitted one bin in another order
             scattered = ~np.isin(self.group[self.waiting], [-1, *self.loading.groups])
             for row in self.waiting[scattered].tolist():
                 bin.take(row)
         return bin
 
+    def _everywhere(self, bin: RuledBin) -> None:
+        """Once more into the last bin: nothing that fits is left out, however late it is, but where
+        what is packed is chosen by its value.
+        """
+        bin.in_vain.clear()
+        for rows in self._offers(set(bin.load.rows)):
+            if self.loading.job.objective == "value" and self.stop():
+                return
+            before = len(bin.load.rows)
+            whole = all(bin.take(row, patiently=True) for row in rows)
+            if not whole and len(bin.load.rows) > before:
+                bin.cut(before)
+
     def _offers(self, there: set[int]) -> Iterator[list[int]]:
         """What is loaded together, as it waits, but for these rows and groups that fit no bin."""
         group = self.group[self.waiting]
         if (group < 0).all():
             for start in range(0, len(group), FEW):
-                yield from ([row] for row in self.waiting[start : start + FEW].tolist())
+                some = self.waiting[start : start + FEW].tolist()
+                yield from ([row] for row in some if row not in there)
             return
         seen = {*group.tolist()} - self.together - {-1}
         for row, code in zip(self.waiting.tolist(), group.tolist(), strict=True):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from jaxpack.packing.ruled.load import Load
 
 FEW = 48  # points that an item is offered
-LOOKS = 64  # times that a point is offered: what nobody takes then, nobody will
+LOOKS = 64  # times that a point is offered before all others have their turn
 
 
 class Points:
@@ -29,14 +29,16 @@ class Points:
             self.add(box)
 
     def lowest(self, size: np.ndarray) -> np.ndarray:
-        """int64 [3, C], the lowest points with so much room, or those farthest from the door.
+        """int64 [3, C], the lowest points with so much room, or those farthest from the door;
+        but what nobody has taken in a long time comes last.
 
         Args:
             size: int64 [3], units.
         """
-        some = np.flatnonzero((self.free >= size[:, None]).all(0) & (self.looks < LOOKS))
+        some = np.flatnonzero((self.free >= size[:, None]).all(0))
         x, y, z = self.at[:, some]
-        some = some[np.lexsort((y, z, x) if self.door else (x, y, z))[:FEW]]
+        tired = self.looks[some] // LOOKS
+        some = some[np.lexsort((y, z, x, tired) if self.door else (x, y, z, tired))[:FEW]]
         self.looks[some] += 1
         points: np.ndarray = self.at[:, some]
         return points
