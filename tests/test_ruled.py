@@ -242,6 +242,21 @@ def test_what_finds_no_corner_point_is_tried_everywhere(monkeypatch):
     assert not plan.left_out
 
 
+def test_what_fits_one_type_only_is_tried_everywhere_in_it(monkeypatch):
+    """Though there are other bins enough, in which it cannot be."""
+    monkeypatch.setattr(filling, "MANY", 0)
+    random = np.random.default_rng(0)
+    sizes = random.integers(3, 25, (120, 3)).astype(float)
+    limits = ItemLimits(weight_above=1e3)
+    large = tuple(ItemType(tuple(size), limits=limits) for size in sizes.tolist())
+    items = (*large, ItemType((2.0, 2.0, 2.0), 60, limits=limits))
+    job = Job(items, (BinType((100.0, 60.0, 120.0), copies=1), BinType((2.0, 2.0, 4.0))))
+    for late in (False, True):
+        plan = packed(job, Rules(), late=late)
+        obeys(job, plan, Rules())
+        assert not plan.left_out
+
+
 def test_what_is_late_wastes_no_bins_of_which_there_are_few():
     few, many = BinType((10.0, 10.0, 10.0), copies=1), BinType((4.0, 4.0, 4.0))
     limits = ItemLimits(weight_above=100.0)

@@ -41,8 +41,8 @@ LONG_3D = replace(
 )
 
 # What gets nearly as far in a fraction of the time. Centred inputs are what matters most: where all
-# lie above zero, one direction of the first layer learns fast and the others slowly. In 3D few
-# samples of many instances are more.
+# lie above zero, one direction of the first layer learns fast and the others slowly. In 3D it is
+# better to have fewer samples of more instances.
 BIN_AWARE_2D = replace(
     LONG,
     policy=BinAwareConfig(sees="all", temperature=1.5, input_centre=0.3, input_scale=4.0),

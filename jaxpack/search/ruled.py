@@ -42,7 +42,7 @@ def pack_by_rules(
             continue
         if not len(packing.waiting) or (stop() and not to_end):
             break
-        packing.further = len(genes.pool) - number
+        packing.rest = genes.pool[number:]
         rows, corners = packing.fill(slot)
         packing.take(rows)
         barren = set() if len(rows) else barren | {kind}
@@ -61,7 +61,7 @@ class Packing:
         if not loading.asked.overhang:
             self.most = most_together(loading.stock)
         self.waiting, self.group = genes.order, loading.asked.group[loading.items]
-        self.further = 0  # bins after this one
+        self.rest = genes.pool[:0]  # bins after this one
         self.stacking = False  # see `Load`
         self.together = set(loading.groups)  # groups of which nothing may be in another bin
         self.arrange(np.arange(len(genes.order)))
@@ -112,15 +112,15 @@ class Packing:
         if always:
             bin.load.rules.append(Balance(bin.load))
         self._begin(bin)
-        in_vain = 0
+        in_vain, alike = 0, int((self.loading.bins[self.rest] == bin.load.kind).sum())
         for rows in self._offers(set(bin.load.rows)):
             late = self.stop()
             if late and not self.to_end:
                 break
             in_vain = 0 if bin.take_all(rows) else in_vain + 1
-            if late and in_vain >= PATIENCE and self.further >= len(self.waiting):
+            if late and in_vain >= PATIENCE and alike >= len(self.waiting):
                 break
-        if self.to_end and not self.further and bin.load.points:
+        if self.to_end and bin.load.points:
             self._everywhere(bin)
         if not bin.load.rows:  # groups that fitted one bin in another order
             scattered = ~np.isin(self.group[self.waiting], [-1, *self.loading.groups])
@@ -129,17 +129,19 @@ class Packing:
         return bin
 
     def _everywhere(self, bin: RuledBin) -> None:
-        """Once more into the last bin: nothing that fits is left out, however late it is, but where
-        what is packed is chosen by its value.
+        """Once more for what fits no bin after this one: none of it is left out for want of time,
+        but where what is packed is chosen by its value.
         """
-        bin.in_vain.clear()
+        stock, loading = self.loading.stock, self.loading
+        types = loading.first[np.unique(loading.bins[self.rest])]
+        sizes = stock.sizes[self.waiting][:, :, None]
+        elsewhere = (sizes <= stock.bins[types]).all(-1).any((1, 2))
+        others = {*self.waiting[elsewhere].tolist(), *bin.load.rows}
         for rows in self._offers(set(bin.load.rows)):
-            if self.loading.job.objective == "value" and self.stop():
+            if loading.job.objective == "value" and self.stop():
                 return
-            before = len(bin.load.rows)
-            whole = all(bin.take(row, patiently=True) for row in rows)
-            if not whole and len(bin.load.rows) > before:
-                bin.cut(before)
+            if others.isdisjoint(rows):
+                bin.take_all(rows, everywhere=True)
 
     def _offers(self, there: set[int]) -> Iterator[list[int]]:
         """What is loaded together, as it waits, but for these rows and groups that fit no bin."""

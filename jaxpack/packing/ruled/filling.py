@@ -45,7 +45,7 @@ class RuledBin:
         self.limit = limit if limit < np.iinfo(stock.limit.dtype).max else np.inf
         self.most = int(loading.asked.most_items[load.kind])
         self.space = float((load.far - load.near).prod() * load.room[2]) * (1 + 1e-9)
-        self.in_vain = dict[tuple[int, int], int]()
+        self.in_vain = dict[tuple[int, int, bool], int]()
         self.cut(0)
 
     def cut(self, items: int) -> None:
@@ -58,24 +58,25 @@ class RuledBin:
         self.left = self.limit - int(loading.stock.weight[rows].sum())
         self.free = self.space - sum(map(self._volume, rows))
 
-    def take(self, row: int, patiently: bool = False) -> bool:
+    def take(self, row: int, everywhere: bool = False) -> bool:
         """Puts an item at its first place; False if it has none.
 
         Args:
             row: of the stock.
-            patiently: whether it may be anywhere in a `hurry` too.
+            everywhere: whether it is looked for at more than the `points` of the load.
         """
         load, loading, turn = self.load, self.loading, int(self.turn[row])
         item = int(loading.items[row])
         weight, code = int(loading.stock.weight[row]), int(loading.asked.apart[item])
         if weight > self.left or self._volume(row) > self.free or code in self.apart:
             return False
-        if len(load.rows) >= self.most or self.in_vain.get((item, turn)) == load.count:
+        offer = item, turn, everywhere
+        if len(load.rows) >= self.most or self.in_vain.get(offer) == load.count:
             return False
-        if not load.points and (load.places > MANY or self.hurry()):
+        if not load.points and (load.crossings > MANY or self.hurry()):
             load.points = Points(load)
-        if not self._first(row, turn, patiently):
-            self.in_vain[item, turn] = load.count
+        if not self._first(row, turn, everywhere):
+            self.in_vain[offer] = load.count
             return False
         self.left, self.free = self.left - weight, self.free - self._volume(row)
         if code >= 0:
@@ -94,16 +95,17 @@ class RuledBin:
                 return True
         return False
 
-    def take_all(self, rows: Sequence[int]) -> bool:
+    def take_all(self, rows: Sequence[int], everywhere: bool = False) -> bool:
         """Puts all of them, or none."""
         before = len(self.load.rows)
-        group = not before and len(rows) > 1
-        # One that fits a bin has to come into an empty one, however long that takes.
-        for patiently in (False, True)[: 1 + (group and bool(self.load.points))]:
-            if all(self.take(row, patiently) for row in rows):
-                return True
-            if len(self.load.rows) > before:
-                self.cut(before)
+        if all(self.take(row, everywhere) for row in rows):
+            return True
+        group, at_points = not before and len(rows) > 1, bool(self.load.points)
+        if len(self.load.rows) > before:
+            self.cut(before)
+        # A group that fits a bin has to come into an empty one, however long that takes.
+        if group and at_points and not everywhere:
+            return self.take_all(rows, everywhere=True)
         return group and self.take_shelved(rows)
 
     def take_shelved(self, rows: Sequence[int]) -> bool:

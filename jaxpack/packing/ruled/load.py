@@ -64,7 +64,7 @@ class Load:
         self.stacking = False
         """Whether an item rather lies on another one than on the floor."""
         self.points: Points | None = None
-        """Where items may begin, and nowhere else, once there are any."""
+        """Where items begin once there are any, unless they are to look everywhere."""
         self.rules = [rule(self) for rule in rules]
         self._lines()
 
@@ -193,8 +193,8 @@ class Load:
         self.points = Points(self) if self.points and items else None
 
     @property
-    def places(self) -> int:
-        """Where items may begin if it is everywhere: on so many crossings of lines."""
+    def crossings(self) -> int:
+        """How many there are of lines: everywhere, as far as an item is concerned."""
         return len(self.lines[0]) * len(self.lines[1])
 
     @property

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxpack.model.asked import ANY
+
 if TYPE_CHECKING:
     from jaxpack.packing.ruled.load import Load
 
@@ -45,54 +47,64 @@ class Points:
 
     def add(self, box: int) -> None:
         """Takes note of a box that the load has: of its points, and of those that it covers."""
-        load, gap = self.load, self.load.asked.gap * (box >= self.load.fixed)
-        low, rest = load.low[:, box], int(load.rest[box])
-        end = self._line(load.high[:2, box] + gap)
-        along = [(low[axis] <= self.at[axis]) & (self.at[axis] < end[axis]) for axis in (0, 1)]
-        level = (self.at[2] < rest) & ((self.at[2] >= low[2]) | (not self.door))
-        room = low[:, None] - [[gap], [gap], [0]] - self.at
-        ahead = (room >= 0) & [along[1] & level, along[0] & level, along[0] & along[1]]
-        self.free[ahead] = np.minimum(room, self.free)[ahead]
-        kept = ~(along[0] & along[1] & level)
-        self.at, self.free, self.looks = self.at[:, kept], self.free[:, kept], self.looks[kept]
-        (x, y), (right, back), z = self._line(low[:2]).tolist(), end.tolist(), int(low[2])
-        points = {(x, y, rest), (right, y, z), (right, self._pushed(1, box, right), z)}
-        if not load.loading.flat:
+        room, covered = self._ahead(self.at, slice(box, box + 1))
+        kept = ~covered
+        self.free = np.minimum(self.free, room)[:, kept]
+        self.at, self.looks = self.at[:, kept], self.looks[kept]
+        load, flat = self.load, self.load.loading.flat
+        (x, y), z, rest = self._line(load.low[:2, box]).tolist(), int(load.low[2, box]), load.rest
+        right, back = self._ends(slice(box, box + 1))[:, 0].tolist()
+        points = {(x, y, int(rest[box])), (right, y, z), (right, self._pushed(1, box, right), z)}
+        if not flat:
             points |= {(x, back, z), (self._pushed(0, box, back), back, z)}
         self._note(points)
 
     def _pushed(self, axis: int, box: int, line: int) -> int:
         """Where what begins beside a box gets to when it is pushed along an axis, on a line."""
-        load, n = self.load, self.load.count
+        load, boxes = self.load, slice(1, self.load.count)
         if axis and load.loading.flat:
             return 0
-        side, z = 1 - axis, load.low[2, box]
-        there = (load.low[side, 1:n] <= line) & (line < load.high[side, 1:n])
-        there &= (load.low[2, 1:n] <= z) & (z < load.rest[1:n])
-        ends = load.high[axis, 1:n] + load.asked.gap
-        there &= ends <= load.low[axis, box]
-        end = int(ends[there].max(initial=load.near[axis]))
-        return int(self._line(end))
+        side, z, ends = 1 - axis, load.low[2, box], self._ends(boxes)
+        there = (load.low[side, boxes] <= line) & (line < ends[side])
+        there &= (load.low[2, boxes] <= z) & (z < load.rest[boxes])
+        there &= ends[axis] <= load.low[axis, box]
+        return int(ends[axis, there].max(initial=self._line(load.near[axis])))
 
     def _line(self, start: Any) -> Any:
         """The first line of the grid from there on."""
         return -(-start // self.load.step) * self.load.step
 
+    def _ends(self, boxes: slice) -> np.ndarray:
+        """int64 [2, B], where the next item may begin along x and along y."""
+        load = self.load
+        gaps = load.asked.gap * (np.arange(len(load.rest))[boxes] >= load.fixed)
+        ends: np.ndarray = self._line(load.high[:2, boxes] + gaps)
+        return ends
+
+    def _ahead(self, at: np.ndarray, boxes: slice) -> tuple[np.ndarray, np.ndarray]:
+        """(int64 [3, P], how far it is along each axis to the first of these boxes, very far if
+        none is in the way; bool [P], whether one is where the point is, or above it if what comes
+        is lowered).
+        """
+        load = self.load
+        low, rest = load.low[:, None, boxes], load.rest[boxes]
+        x, y = (low[:2] <= at[:2, :, None]) & (at[:2, :, None] < self._ends(boxes)[:, None])
+        level = (at[2][:, None] < rest) & ((low[2] <= at[2][:, None]) | (not self.door))
+        room = low - at[:, :, None]
+        room[:2] -= load.asked.gap * (np.arange(len(load.rest))[boxes] >= load.fixed)
+        ahead = (room >= 0) & [y & level, x & level, x & y]
+        return np.where(ahead, room, ANY).min(2, initial=ANY), (x & y & level).any(1)
+
     def _note(self, points: set[tuple[int, int, int]]) -> None:
         """Takes these as well, each let down onto what is below it, where there is room."""
         load, n = self.load, self.load.count
         at = np.array(sorted(points)).T
-        low, high, rest = load.low[:, None, :n], load.high[:, None, :n], load.rest[:n]
-        inside = (low <= at[:, :, None]) & (at[:, :, None] < high)
-        over = inside[0] & inside[1]
-        at[2] = np.where(over & (rest <= at[2][:, None]), rest, 0).max(1)
-        level = (at[2][:, None] < rest) & ((low[2] <= at[2][:, None]) | (not self.door))
-        room = low - at[:, :, None]
-        room[:2, :, load.fixed :] -= load.asked.gap
-        ahead = (room >= 0) & [inside[1] & level, inside[0] & level, over]
-        ends = np.array([[load.far[0]], [load.far[1]], [load.room[2]]]) - at
-        free = np.minimum(ends, np.where(ahead, room, ends[:, :, None]).min(2))
-        new = (free > 0).all(0) & ~(over & level).any(1)
+        ground = at[:2, :, None]
+        over = ((load.low[:2, None, :n] <= ground) & (ground < load.high[:2, None, :n])).all(0)
+        at[2] = np.where(over & (load.rest[:n] <= at[2][:, None]), load.rest[:n], 0).max(1)
+        room, covered = self._ahead(at, slice(0, n))
+        free = np.minimum(room, np.array([*load.far, load.room[2]])[:, None] - at)
+        new = (free > 0).all(0) & ~covered
         new &= ~(at[:, :, None] == self.at[:, None]).all(0).any(1)
         self.at = np.concatenate([self.at, at[:, new]], 1)
         self.free = np.concatenate([self.free, free[:, new]], 1)
