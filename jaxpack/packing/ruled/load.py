@@ -12,6 +12,7 @@ from jaxpack.packing.ruled.points import Points
 from jaxpack.packing.rules import RULES, Positions, rule_named
 
 FIRST, MORE = 32, 8  # places that are looked at first, and how many times as many after them
+FEW = 48  # points that are looked at, if it is not to be everywhere
 PAIRS = 2**19  # places times boxes that are looked at together
 
 
@@ -90,22 +91,38 @@ class Load:
         """
         stock = self.loading.stock
         size = stock.sizes[row, turn].astype(np.int64)
-        points = None if everywhere else self.points
-        low, u, v = self._at_points(points, size) if points else self._anywhere(size)
-        if not low.shape[1]:
-            return None
-        item, needed = int(self.loading.items[row]), max(1, int(stock.needed[row, turn]))
-        key = self._key(Places(self, item, low, size), u, v)
-        for some in _parts(key, max(FIRST, PAIRS // self.count)):
-            places = Places(self, item, low[:, some], size)
-            allowed = np.flatnonzero(self.allows(places, needed))
-            if len(allowed):
-                best = int(allowed[key[some][allowed].argmin()])
-                return places.pick(slice(best, best + 1))
+        needed = max(1, int(stock.needed[row, turn]))
+        for low, u, v in self._candidates(size, everywhere):
+            places = Places(self, int(self.loading.items[row]), low, size)
+            if low.shape[1] and (found := self._least(places, self._key(places, u, v), needed)):
+                return found
         return None
 
+    def _least(self, places: Places, key: np.ndarray, needed: int) -> Places | None:
+        """The one with the least key, int64 [C], that every rule allows."""
+        for part in _parts(key, max(FIRST, PAIRS // self.count)):
+            some = places.pick(part)
+            allowed = np.flatnonzero(self.allows(some, needed))
+            if len(allowed):
+                best = int(allowed[key[part][allowed].argmin()])
+                return some.pick(slice(best, best + 1))
+        return None
+
+    def _candidates(
+        self, size: np.ndarray, everywhere: bool
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """(places int64 [3, C], numbers of their lines along x and along y, int64 [C] both), what
+        takes longer after what does not.
+        """
+        if self.points:
+            yield self._at_points(self.points, size, FEW)
+            if everywhere:
+                yield self._at_points(self.points, size, PAIRS // self.count)
+        if everywhere or not self.points:
+            yield self._anywhere(size)
+
     def _anywhere(self, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(places int64 [3, C], numbers of their lines along x and along y, int64 [C] both)."""
+        """On any crossing of lines."""
         x, y = (self._starts(axis, int(size[axis])) for axis in (0, 1))
         found = []
         for ceiling in self.ceilings if len(x) and len(y) else ():
@@ -120,10 +137,10 @@ class Load:
         return np.stack([x[u], y[v], z]), u, v
 
     def _at_points(
-        self, points: Points, size: np.ndarray
+        self, points: Points, size: np.ndarray, most: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `_anywhere` has it."""
-        low = points.lowest(size)
+        """At so many points."""
+        low = points.lowest(size, most)
         low = low[:, self._reached(Places(self, -1, low, size))]
         u, v = (np.unique(low[axis], return_inverse=True)[1] for axis in (0, 1))
         return low, u, v

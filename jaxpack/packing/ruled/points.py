@@ -14,7 +14,6 @@ from jaxpack.model.asked import ANY
 if TYPE_CHECKING:
     from jaxpack.packing.ruled.load import Load
 
-FEW = 48  # points that an item is offered
 LOOKS = 64  # times that a point is offered before all others have their turn
 
 
@@ -30,17 +29,18 @@ class Points:
         for box in range(1, load.count):
             self.add(box)
 
-    def lowest(self, size: np.ndarray) -> np.ndarray:
+    def lowest(self, size: np.ndarray, most: int) -> np.ndarray:
         """int64 [3, C], the lowest points with so much room, or those farthest from the door;
         but what nobody has taken in a long time comes last.
 
         Args:
             size: int64 [3], units.
+            most: of them.
         """
         some = np.flatnonzero((self.free >= size[:, None]).all(0))
         x, y, z = self.at[:, some]
         tired = self.looks[some] // LOOKS
-        some = some[np.lexsort((y, z, x, tired) if self.door else (x, y, z, tired))[:FEW]]
+        some = some[np.lexsort((y, z, x, tired) if self.door else (x, y, z, tired))[:most]]
         self.looks[some] += 1
         points: np.ndarray = self.at[:, some]
         return points
